@@ -1,0 +1,92 @@
+"""The grid: where the voxels stand in the world, and how finely vertices are snapped to them.
+
+Source: architecture.md section 4; the snap budget L + k <= 26 keeps every exact test in int64.
+"""
+
+from dataclasses import dataclass
+from math import ceil, floor, isfinite, log2
+
+from gstream.errors import UsageError
+
+MAX_RESOLUTION = 65_536
+MAX_SNAP_BITS = 12
+COORDINATE_BITS = 26  # L + k: normals stay within 2^52, plane values of a 256^3 cell within 2^62
+MIN_SNAP_BITS = 6
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A cube of voxels in the world: world = origin + voxel_size * index."""
+
+    resolution: int  # N, voxels per axis
+    voxel_size: float  # edge of a finest voxel, world units
+    origin: Point  # world position of the low corner of voxel (0, 0, 0)
+    snap_bits: int  # k: vertices are snapped to voxel_size / 2^k
+
+    @property
+    def matrix(self) -> tuple[float, ...]:
+        """Index -> world as a row-major 3 x 4 matrix."""
+        h, (x, y, z) = self.voxel_size, self.origin
+        return (h, 0.0, 0.0, x, 0.0, h, 0.0, y, 0.0, 0.0, h, z)
+
+    def level_count(self, block_edge: int) -> int:
+        """Levels from the finest down to a single block of block_edge^3 voxels."""
+        blocks = -(-self.resolution // block_edge)
+        return 1 + (blocks - 1).bit_length()
+
+
+def grid_of_resolution(low: Point, high: Point, resolution: int, scene: tuple[Point, Point]) -> Grid:
+    """The cube of resolution^3 voxels centred on the box low..high, 2^-10 wider than its largest extent.
+
+    scene: the box of everything that will be snapped, which may reach beyond low..high.
+    """
+    if not 1 <= resolution <= MAX_RESOLUTION:
+        raise UsageError(
+            f"--resolution {resolution} is out of range", f"give 1 to {MAX_RESOLUTION} voxels per axis"
+        )
+    extent = max(h - l for l, h in zip(low, high, strict=True))
+    voxel_size = extent * (1 + 2.0**-10) / resolution if extent > 0 else 1.0
+    reach = voxel_size * resolution / 2
+    x, y, z = ((l / 2 + h / 2) - reach for l, h in zip(low, high, strict=True))
+    return _snapped(resolution, voxel_size, (x, y, z), scene)
+
+
+def grid_of_voxel_size(low: Point, high: Point, voxel_size: float, scene: tuple[Point, Point]) -> Grid:
+    """The smallest cube on the lattice of multiples of voxel_size that holds low..high."""
+    if not (isfinite(voxel_size) and voxel_size > 0):
+        raise UsageError(f"--voxel-size {voxel_size} is out of range", "give a positive length")
+    if max(abs(c) for c in (*low, *high)) / voxel_size > 2.0**52:
+        raise UsageError(
+            f"--voxel-size {voxel_size} is below the precision of coordinates this far from the origin",
+            "give a larger voxel size, or move the scene to the origin",
+        )
+    first = [floor(l / voxel_size) for l in low]
+    last = [floor(h / voxel_size) for h in high]
+    resolution = max(b - a + 1 for a, b in zip(first, last, strict=True))
+    if resolution > MAX_RESOLUTION:
+        raise UsageError(
+            f"--voxel-size {voxel_size} needs {resolution} voxels per axis, above {MAX_RESOLUTION}",
+            f"give at least {max(h - l for l, h in zip(low, high, strict=True)) / (MAX_RESOLUTION - 1):.6g}",
+        )
+    x, y, z = (a * voxel_size for a in first)
+    return _snapped(resolution, voxel_size, (x, y, z), scene)
+
+
+def _snapped(resolution: int, voxel_size: float, origin: Point, scene: tuple[Point, Point]) -> Grid:
+    if not (isfinite(voxel_size) and voxel_size > 0 and all(map(isfinite, origin))):
+        raise UsageError("the scene's extent is beyond double precision", "scale the scene down")
+    reach = [resolution]
+    for axis in range(3):
+        first = min(0.0, (scene[0][axis] - origin[axis]) / voxel_size)
+        last = max(float(resolution), (scene[1][axis] - origin[axis]) / voxel_size)
+        reach.append(ceil(last - first))
+    bits = max(1, ceil(log2(max(reach))))
+    snap_bits = min(MAX_SNAP_BITS, COORDINATE_BITS - bits)
+    if snap_bits < MIN_SNAP_BITS:
+        raise UsageError(
+            f"the scene reaches over 2^{bits} voxels, far beyond its --bounds",
+            "widen --bounds, crop the scene, or use larger voxels",
+        )
+    return Grid(resolution, voxel_size, origin, snap_bits)

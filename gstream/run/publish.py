@@ -1,0 +1,88 @@
+"""Making a name appear: the only code that creates files under their final name.
+
+A file is written as `NAME.wip` in the same folder, fsynced, renamed, and its folder fsynced, so
+that whoever sees the name sees the whole file, also after a crash.
+"""
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from gstream.job import Job, Unit
+
+
+@contextmanager
+def publish(path: str | Path) -> Iterator[BinaryIO]:
+    """Open `path` for writing; it appears, complete and durable, when the block ends without an error."""
+    path = Path(path)
+    wip = path.with_name(path.name + ".wip")
+    try:
+        with open(wip, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(wip, path)
+        _sync_folder(path.parent)
+    except BaseException:
+        wip.unlink(missing_ok=True)
+        raise
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+class Scratch:
+    """The job's folder seen as named byte ranges, so that an object store could stand behind it."""
+
+    def __init__(self, job: Job) -> None:
+        self.folder = Path(job.folder)
+
+    def path(self, name: str) -> Path:
+        return self.folder / name
+
+    @contextmanager
+    def write(self, name: str) -> Iterator[BinaryIO]:
+        """Publish a scratch file; its folder is made when missing."""
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with publish(path) as file:
+            yield file
+
+    def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes:
+        """`length` bytes of a scratch file from `offset` (all the rest when None); short reads raise EOFError."""
+        with open(self.folder / name, "rb") as file:
+            file.seek(offset)
+            data = file.read() if length is None else file.read(length)
+        if length is not None and len(data) != length:
+            raise EOFError(f"{self.folder / name}: wanted {length} bytes at {offset}, got {len(data)}")
+        return data
+
+    def size(self, name: str) -> int:
+        return (self.folder / name).stat().st_size
+
+    def mark_done(self, unit: Unit, counts: Mapping[str, Any], files: tuple[str, ...] = ()) -> None:
+        """Record that `unit` is finished: the lengths of its files and what it counted."""
+        record = {"files": {name: self.size(name) for name in files}, "counts": dict(counts)}
+        with self.write(_marker(unit)) as file:
+            file.write(json.dumps(record, sort_keys=True).encode())
+
+    def done(self, unit: Unit) -> dict[str, Any] | None:
+        """The counts of a finished unit; None when it is not done or a file of it is missing or cut."""
+        try:
+            record = json.loads(self.read(_marker(unit)))
+            whole = all(self.size(name) == length for name, length in record["files"].items())
+        except (FileNotFoundError, ValueError):
+            return None
+        return dict(record["counts"]) if whole else None
+
+
+def _marker(unit: Unit) -> str:
+    return f"{unit.stage}/{unit.name}.done"
