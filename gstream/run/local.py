@@ -1,0 +1,333 @@
+"""Processes of this machine: workers, signals, locks, and what /proc says of memory.
+
+The only module that knows any of these. A worker is a fresh interpreter that talks over one pipe
+and lives for the whole job; it dies with its parent. Decisions are made in `schedule.py`.
+"""
+
+import contextlib
+import errno
+import importlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.connection import Connection, wait
+from types import FrameType, TracebackType
+from typing import Protocol, Self
+
+from gstream.errors import GstreamError, StoppedError
+from gstream.job import Job, Unit
+from gstream.run.schedule import ATTEMPTS, Died, Done, Event, GiveUp, Ready, Schedule
+
+RESUME = "run the same command again to resume"
+STOP_SECONDS = 1.5  # a kernel in this process cannot be interrupted: leave without it
+SAMPLE_SECONDS = 0.5
+DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EACCES, errno.EROFS}
+
+
+class WorkingStage(Protocol):
+    """What an executor needs of a stage."""
+
+    __name__: str
+
+    def work(self, job: Job, unit: Unit) -> None: ...
+
+
+class UnitError(Exception):
+    """A unit failed in a way that nobody foresaw: an error of ours."""
+
+    def __init__(self, where: str, said: str, trace: str) -> None:
+        super().__init__(where, said, trace)
+        self.where, self.said, self.trace = where, said, trace
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.said}"
+
+
+# --- errors of the system, made ours ------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def disk_errors(job: Job, where: str) -> Iterator[None]:
+    """Turn a full or failing disk and exhausted memory into a StoppedError that names `where`."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in DISK_ERRORS:
+            raise
+        place = error.filename or _fullest(job)
+        denied = error.errno in (errno.EACCES, errno.EROFS)
+        remedy = "allow writing there" if denied else "free some space or give another --tmp"
+        said = f"{place}: {os.strerror(error.errno or 0)} in {where}"
+        raise StoppedError(said, f"{remedy}, then {RESUME}") from error
+    except MemoryError as error:
+        said = f"out of memory in {where}"
+        raise StoppedError(said, f"give fewer --workers, then {RESUME}") from error
+
+
+def _fullest(job: Job) -> str:
+    """The one of the job's two folders with less space left: a write error names no file."""
+    folders = (job.folder, os.path.dirname(os.path.abspath(job.output)))
+    return min(folders, key=lambda folder: shutil.disk_usage(folder).free)
+
+
+# --- the worker's side --------------------------------------------------------------------------
+
+
+def serve(descriptor: int) -> None:
+    """A worker: receive (stage, job, unit), answer None or the error, until the pipe closes."""
+    _die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all of us; the parent decides
+    with Connection(descriptor) as pipe, contextlib.suppress(EOFError, BrokenPipeError):
+        while True:
+            name, job, unit = pipe.recv()
+            pipe.send(_attempt(importlib.import_module(name), job, unit))
+
+
+def _attempt(stage: WorkingStage, job: Job, unit: Unit) -> Exception | None:
+    where = f"stage {unit.stage}, unit {unit.name}"
+    try:
+        with disk_errors(job, where):
+            stage.work(job, unit)
+    except GstreamError as error:
+        return error
+    except Exception as error:
+        return UnitError(where, f"{type(error).__name__}: {error}", traceback.format_exc())
+    return None
+
+
+def _die_with_parent() -> None:
+    """Ask Linux for SIGKILL when the parent ends: an orphan would disturb the job's next run."""
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(1, int(signal.SIGKILL))  # 1 = PR_SET_PDEATHSIG
+
+
+# --- the parent's side --------------------------------------------------------------------------
+
+
+class Worker:
+    """One worker process and the parent's end of its pipe."""
+
+    def __init__(self) -> None:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            code = f"import sys; sys.path[:] = {sys.path!r}; from gstream.run.local import serve; "
+            # Not multiprocessing.Process: its spawn imports the caller's __main__ again, so that a
+            # script calling gstream.build() without a main guard would start itself in a loop.
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-c", f"{code}serve({theirs.fileno()})"],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+            )
+        self.pipe = Connection(ours.detach())
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self.pipe.close()
+
+
+class Workers:
+    """The workers of one job: started when first needed, kept until the job ends."""
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._workers: list[Worker] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: object, trace: TracebackType | None
+    ) -> None:
+        for worker in self._workers:
+            worker.kill()  # a unit is idempotent and names appear by rename: nothing to wait for
+        self._workers.clear()
+
+    def run(
+        self, stage: WorkingStage, job: Job, units: Sequence[Unit], done: Callable[[Unit], None]
+    ) -> None:
+        """Run every unit; `done` is called in this process after each.
+
+        errors : the first GstreamError of a unit; StoppedError for one that keeps killing workers
+        """
+        wanted = min(self._count, len(units))
+        if wanted == 0 or (wanted == 1 and not self._workers):
+            _run_here(stage, job, units, done)  # a lone unit is not worth 2 s of starting a worker
+            return
+        while len(self._workers) < wanted:
+            self._workers.append(Worker())
+        _Round(self._workers, stage, job, units, done).play()
+
+
+def _run_here(
+    stage: WorkingStage, job: Job, units: Sequence[Unit], done: Callable[[Unit], None]
+) -> None:
+    for unit in units:
+        error = _attempt(stage, job, unit)
+        if error is not None:
+            raise error
+        done(unit)
+
+
+class _Round:
+    """One stage's units over the workers: events from pipes in, the schedule's decisions out."""
+
+    def __init__(
+        self,
+        workers: list[Worker],
+        stage: WorkingStage,
+        job: Job,
+        units: Sequence[Unit],
+        done: Callable[[Unit], None],
+    ) -> None:
+        self._workers, self._units, self._done = workers, units, done
+        self._stage, self._job = stage.__name__, job
+        self._schedule = Schedule(units, len(workers))
+
+    def play(self) -> None:
+        for index in range(len(self._workers)):
+            self._tell(Ready(index))
+        while not self._schedule.finished:
+            ready = wait([worker.pipe for worker in self._workers])
+            for index in [i for i, worker in enumerate(self._workers) if worker.pipe in ready]:
+                self._hear(index)
+
+    def _hear(self, index: int) -> None:
+        """Take in what worker `index` has sent: None, an error, or the end of its pipe."""
+        try:
+            error = self._workers[index].pipe.recv()
+        except (EOFError, OSError):
+            self._replace(index)
+            return
+        if error is not None:
+            raise error
+        unit = self._schedule.running(index)
+        self._tell(Done(index))
+        if unit is not None:
+            self._done(self._units[unit])
+
+    def _replace(self, index: int) -> None:
+        dead = self._workers[index]
+        dead.kill()
+        self._workers[index] = Worker()
+        self._tell(Died(index), dead.process.returncode)
+        self._tell(Ready(index))
+
+    def _tell(self, event: Event, status: int = 0) -> None:
+        for decision in self._schedule.handle(event):
+            unit = self._units[decision.unit]
+            if isinstance(decision, GiveUp):
+                raise _given_up(unit, status)
+            # A worker that has died by now is noticed by `wait`, not here.
+            with contextlib.suppress(BrokenPipeError):
+                self._workers[decision.worker].pipe.send((self._stage, self._job, unit))
+
+
+def _given_up(unit: Unit, status: int) -> StoppedError:
+    cause = f"signal {-status}" if status < 0 else f"status {status}"
+    hint = "out of memory? give fewer --workers, " if status == -signal.SIGKILL else ""
+    said = f"stage {unit.stage}, unit {unit.name}: its worker died {ATTEMPTS} times ({cause})"
+    return StoppedError(said, f"{hint}{RESUME}")
+
+
+# --- signals ------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def stop_on_signals(half_written: Sequence[str]) -> Iterator[None]:
+    """Turn Ctrl-C, SIGTERM and SIGHUP into a StoppedError; leave within two seconds in any case.
+
+    half_written : files to remove if this process has to leave without unwinding
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may set handlers; its owner decides about signals
+        return
+    watched = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, _stop) for number in watched}
+    woken, wake = socket.socketpair()
+    wake.setblocking(False)
+    wakeup_before = signal.set_wakeup_fd(wake.fileno(), warn_on_full_buffer=False)
+    over = threading.Event()
+    watch = threading.Thread(target=_leave_anyway, args=(woken, over, half_written), daemon=True)
+    watch.start()
+    try:
+        yield
+    finally:
+        over.set()
+        signal.set_wakeup_fd(wakeup_before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        wake.close()
+        watch.join()
+        woken.close()
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    for other in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(other, signal.SIG_IGN)  # a second one would interrupt the unwinding
+    raise StoppedError(f"stopped by {signal.Signals(number).name}", RESUME)
+
+
+def _leave_anyway(woken: socket.socket, over: threading.Event, half_written: Sequence[str]) -> None:
+    """Wait for a signal; if Python has not unwound soon after, a kernel holds it: leave."""
+    if not woken.recv(1) or over.wait(STOP_SECONDS):
+        return
+    for path in half_written:
+        with contextlib.suppress(OSError):
+            os.unlink(path)
+    show_cursor = "\x1b[?25h" if os.isatty(2) else ""
+    os.write(2, f"{show_cursor}gstream: stopped by a signal; {RESUME}\n".encode())
+    os._exit(StoppedError.exit_code)
+
+
+# --- memory -------------------------------------------------------------------------------------
+
+
+class MemorySampler:
+    """Samples what `tree_memory` says of this process; `peak` in bytes, 0 without /proc."""
+
+    def __init__(self) -> None:
+        self.peak = 0
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._loop, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: object, trace: TracebackType | None
+    ) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def sample(self) -> None:
+        self.peak = max(self.peak, tree_memory(os.getpid()))
+
+    def _loop(self) -> None:
+        while True:
+            self.sample()
+            if self._over.wait(SAMPLE_SECONDS):
+                return
+
+
+def tree_memory(pid: int) -> int:
+    """Bytes of Σ (Pss_Anon + Pss_Shmem) over process `pid` and all its descendants."""
+    total = 0
+    with contextlib.suppress(OSError):
+        with open(f"/proc/{pid}/smaps_rollup", "rb") as rollup:
+            for line in rollup:
+                if line.startswith((b"Pss_Anon:", b"Pss_Shmem:")):
+                    total += int(line.split()[1]) * 1024
+        for task in os.listdir(f"/proc/{pid}/task"):
+            with open(f"/proc/{pid}/task/{task}/children", "rb") as children:
+                total += sum(tree_memory(int(child)) for child in children.read().split())
+    return total
