@@ -1,0 +1,330 @@
+"""The columns of one block: arrays <-> stored bytes, each column filtered and compressed alone.
+
+The filters are pluggable: plain NumPy (formats/filters.py) or compiled (kernels/filters.py). Where
+the bytes lie in a file, and their CRCs, concern the file formats. Source: spec, "Columns".
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream.errors import CorruptFileError, UnsupportedError
+from gstream.formats import filters as plain
+from gstream.formats.filters import Bytes, Codes, Filters, Ints
+from gstream.formats.framing import (
+    CODEC_CONSTANT,
+    CODEC_LZ4,
+    CODEC_RAW,
+    Buffer,
+    compress,
+    crc32,
+    decompress,
+)
+
+MIN_LOG2_EDGE: Final = 3
+MAX_LOG2_EDGE: Final = 8
+MIN_NORMAL_BITS: Final = 8
+MAX_NORMAL_BITS: Final = 12
+
+RULE_LENGTH: Final = "GSB-0401"  # the stored bytes unpack to exactly the filtered length
+RULE_RAW_BYTES: Final = "GSB-0402"  # raw_bytes is what count, components and item size give
+RULE_CONSTANT: Final = "GSB-0403"  # a constant has no stored bytes and fits its components
+RULE_FILTER: Final = "GSB-0404"  # the filter is one that the column may have
+RULE_RANGE: Final = "GSB-0405"  # every value is below 2^bits
+RULE_PADDING: Final = "GSB-0406"  # the bits after the last voxel of a bit plane are zero
+RULE_EMPTY_MASK: Final = "GSB-0407"  # every octree child mask has a child
+RULE_TREE: Final = "GSB-0408"  # the octree ends with its bytes and has `count` leaves
+RULE_COUNT: Final = "GSB-0409"  # a block has 1 to 8^log2_edge voxels
+RULE_VALUE: Final = "GSB-0410"  # values mean something: mask, weight not 0, normal canonical
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnSpec:
+    """One column of the spec's table; raw form: per component, n little-endian items."""
+
+    id: int
+    name: str
+    components: int
+    bits: int  # significant bits of each component
+    item_bytes: int  # bytes of one component in the raw column
+    candidates: tuple[int, ...]  # filters that a writer tries; the first wins a tie
+
+    @property
+    def dtype(self) -> np.dtype[np.unsignedinteger]:
+        """Little-endian unsigned type of one item."""
+        return np.dtype(f"<u{self.item_bytes}")
+
+    def raw_bytes(self, count: int) -> int:
+        """Length of the raw column of `count` voxels; not for occupancy, whose length varies."""
+        return count * self.components * self.item_bytes
+
+
+def column_specs(normal_bits: int) -> dict[str, ColumnSpec]:
+    """Every column by name, in canonical order."""
+    bytes_, deltas = plain.BYTE_PLANES, plain.DELTA_BIT_PLANES
+    table = (
+        ColumnSpec(1, "occupancy", 1, 8, 1, (plain.NONE,)),
+        ColumnSpec(2, "mask", 1, 6, 1, (plain.XOR_BIT_PLANES, plain.NONE)),
+        ColumnSpec(3, "normal", 2, normal_bits, 2, (deltas, bytes_)),
+        ColumnSpec(4, "colour", 4, 8, 1, (plain.GREEN_DELTA_BIT_PLANES, bytes_)),
+        ColumnSpec(5, "weight", 1, 32, 4, (bytes_, deltas)),
+        ColumnSpec(6, "label", 1, 32, 4, (bytes_, deltas)),
+        ColumnSpec(7, "spread", 1, 8, 1, (deltas, bytes_)),
+    )
+    return {spec.name: spec for spec in table}
+
+
+COLUMN_NAMES: Final = tuple(column_specs(MAX_NORMAL_BITS))
+COLUMN_IDS: Final = {spec.id: spec.name for spec in column_specs(MAX_NORMAL_BITS).values()}
+
+
+@dataclass(slots=True)
+class Block:
+    """The voxels of one block in ascending local Morton code; a column that is absent is None."""
+
+    morton: Codes  # (n,) u32, local code
+    mask: Bytes  # (n,) u8, bits 0-5 = -x +x -y +y -z +z
+    normal: NDArray[np.uint16] | None = None  # (n, 2) octahedral codes
+    colour: Bytes | None = None  # (n, 4) RGBA, sRGB codes, straight alpha
+    weight: Codes | None = None  # (n,) u32, 2^-20 voxel faces of the block's own level
+    label: Codes | None = None  # (n,) u32
+    spread: Bytes | None = None  # (n,) u8
+
+    @property
+    def count(self) -> int:
+        """Number of voxels."""
+        return int(self.morton.size)
+
+    def names(self) -> tuple[str, ...]:
+        """The columns that are there, in canonical order."""
+        attributes = (n for n in COLUMN_NAMES[1:] if getattr(self, n) is not None)
+        return ("occupancy", *attributes)
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedColumn:
+    """One column as it is stored, with what a directory entry says of it."""
+
+    data: bytes  # empty for a constant
+    raw_bytes: int  # before filter and codec
+    crc: int  # CRC-32 of data, 0 for a constant
+    constant: int  # packed value, 0 if not a constant
+    codec: int
+    filter: int
+    hash64: int  # BLAKE2b-64 of the raw column, as a little-endian integer
+
+
+class ColumnRecord(Protocol):
+    """What decode_column must know of a stored column; EncodedColumn is one."""
+
+    @property
+    def codec(self) -> int: ...
+    @property
+    def filter(self) -> int: ...
+    @property
+    def constant(self) -> int: ...
+    @property
+    def raw_bytes(self) -> int: ...
+
+
+def encode_block(
+    block: Block,
+    log2_edge: int,
+    names: tuple[str, ...],
+    normal_bits: int,
+    lz4: str,
+    *,
+    filters: Filters = plain,
+    stored: Collection[str] = frozenset(),
+) -> dict[str, EncodedColumn]:
+    """Encode the named columns of a block, each by the smaller of its candidate filters.
+
+    names  : columns that the block has; lz4: fast | hc
+    stored : names kept raw (codec 0, filter 0) unless constant: scratch that is rewritten soon
+    errors : ValueError for a column that the block has not
+    """
+    specs = column_specs(normal_bits)
+    encoded = {}
+    for name in names:
+        spec = specs[name]
+        if name == "occupancy":
+            values = filters.encode_occupancy(block.morton, log2_edge).reshape(-1, 1)
+        else:
+            values = column_values(block, spec)
+        encoded[name] = _encode_column(spec, values, lz4, filters, name in stored)
+    return encoded
+
+
+def column_values(block: Block, spec: ColumnSpec) -> Ints:
+    """The block's array of one attribute as (n, components) of the column's own dtype."""
+    array: Ints | None = getattr(block, spec.name)
+    if array is None:
+        raise ValueError(f"the block has no column {spec.name}")
+    return array.reshape(block.count, spec.components).astype(spec.dtype, copy=False)
+
+
+def raw_column(values: Ints) -> bytes:
+    """The decoded bytes of an attribute, component after component: what hash64 covers."""
+    return values.reshape(values.shape[0], -1).T.tobytes()
+
+
+def hash64(raw: Buffer) -> int:
+    """BLAKE2b with an 8-byte digest, read as a little-endian integer."""
+    return int.from_bytes(blake2b(raw, digest_size=8).digest(), "little")
+
+
+def _encode_column(
+    spec: ColumnSpec, values: Ints, lz4: str, filters: Filters, keep_raw: bool
+) -> EncodedColumn:
+    raw = raw_column(values)
+    digest = hash64(raw)
+    if spec.name != "occupancy" and (values == values[0]).all():
+        packed = pack_constant(spec, values[0])
+        return EncodedColumn(b"", len(raw), 0, packed, CODEC_CONSTANT, plain.NONE, digest)
+    if keep_raw:
+        return EncodedColumn(raw, len(raw), crc32(raw), 0, CODEC_RAW, plain.NONE, digest)
+    best: tuple[bytes, int, int] | None = None
+    for filter_id in spec.candidates:
+        whole = filters.apply_filter(filter_id, values, spec.bits).tobytes()
+        data, codec = compress(whole, lz4), CODEC_LZ4
+        if len(data) >= len(whole):
+            data, codec = whole, CODEC_RAW
+        if best is None or len(data) < len(best[0]):
+            best = (data, codec, filter_id)
+    if best is None:
+        raise ValueError(f"column {spec.name} has no filter to try")
+    data, codec, filter_id = best
+    return EncodedColumn(data, len(raw), crc32(data), 0, codec, filter_id, digest)
+
+
+def pack_constant(spec: ColumnSpec, value: Ints) -> int:
+    """One voxel's components as a u32: component i at bit 16 i (normal) or 8 i."""
+    shift = 8 * spec.item_bytes
+    return sum(int(v) << (shift * i) for i, v in enumerate(value))
+
+
+def decode_column(
+    spec: ColumnSpec,
+    record: ColumnRecord,
+    data: Buffer,
+    count: int,
+    log2_edge: int,
+    *,
+    filters: Filters = plain,
+    path: str,
+    at: int,
+) -> Ints:
+    """Turn stored bytes, whose CRC the caller has checked, back into an array.
+
+    data   : exactly the stored bytes of the column; count: voxels of the block
+    at     : byte offset of the data in its file, for the error
+    returns: (n,) or (n, components), C order; for occupancy the (n,) u32 local codes
+    errors : CorruptFileError GSB-0401 to 0409, UnsupportedError for an unknown codec or filter
+    """
+    if not 1 <= count <= 8**log2_edge:
+        said = f"{count} voxels do not fit a block of edge {1 << log2_edge}"
+        raise CorruptFileError(RULE_COUNT, path, at, said)
+    _check_record(spec, record, count, log2_edge, path, at)
+    if record.codec == CODEC_CONSTANT:
+        return _squeeze(_constant_column(spec, record, data, count, path, at))
+    length = plain.filtered_bytes(record.filter, count, spec.components, spec.item_bytes, spec.bits)
+    if spec.name == "occupancy":
+        length = record.raw_bytes
+    whole = np.frombuffer(_unpack(record, data, length, path, at), np.uint8)
+    if spec.name == "occupancy":
+        check_occupancy(whole, log2_edge, count, path, at)
+        return filters.decode_occupancy(whole, log2_edge, count)
+    if record.filter >= plain.BIT_PLANES:
+        _check_padding(whole, count, path, at)
+    values = filters.undo_filter(
+        record.filter, whole, (count, spec.components), spec.dtype, spec.bits
+    )
+    if record.filter < plain.BIT_PLANES and spec.bits < 8 * spec.item_bytes:
+        _check_range(spec, int(values.max()), path, at)
+    return _squeeze(values)
+
+
+def _squeeze(values: Ints) -> Ints:
+    return values.reshape(-1) if values.shape[1] == 1 else values
+
+
+def _check_record(
+    spec: ColumnSpec, record: ColumnRecord, count: int, log2_edge: int, path: str, at: int
+) -> None:
+    if record.codec not in (CODEC_RAW, CODEC_LZ4, CODEC_CONSTANT):
+        said = f"column {spec.name} has codec {record.codec}, which this release does not know"
+        raise UnsupportedError(path, said, "update gstream, or read the other columns")
+    if record.filter not in plain.FILTERS:
+        said = f"column {spec.name} has filter {record.filter}, which this release does not know"
+        raise UnsupportedError(path, said, "update gstream, or read the other columns")
+    if spec.name == "occupancy":
+        # A node of the octree has a voxel below it, on each of log2_edge levels.
+        lawful = record.filter == plain.NONE
+        fits = log2_edge <= record.raw_bytes <= log2_edge * count
+    else:
+        lawful = record.filter != plain.GREEN_DELTA_BIT_PLANES or spec.components == 4
+        fits = record.raw_bytes == spec.raw_bytes(count)
+    if record.codec == CODEC_CONSTANT:
+        lawful = record.filter == plain.NONE and spec.name != "occupancy"
+    if not lawful:
+        said = f"column {spec.name} may not have filter {record.filter} with codec {record.codec}"
+        raise CorruptFileError(RULE_FILTER, path, at, said)
+    if not fits:
+        said = f"column {spec.name} of {count} voxels states {record.raw_bytes} raw bytes"
+        raise CorruptFileError(RULE_RAW_BYTES, path, at, said)
+
+
+def _unpack(record: ColumnRecord, data: Buffer, length: int, path: str, at: int) -> Buffer:
+    if record.codec == CODEC_LZ4:
+        return decompress(data, length, RULE_LENGTH, path, at)
+    stored = memoryview(data).nbytes
+    if stored != length:
+        said = f"an uncompressed column has {stored} bytes, not {length}"
+        raise CorruptFileError(RULE_LENGTH, path, at, said)
+    return data
+
+
+def _constant_column(
+    spec: ColumnSpec, record: ColumnRecord, data: Buffer, count: int, path: str, at: int
+) -> Ints:
+    if memoryview(data).nbytes:
+        said = f"column {spec.name} is constant and yet has stored bytes"
+        raise CorruptFileError(RULE_CONSTANT, path, at, said)
+    shift = 8 * spec.item_bytes
+    fields = [(record.constant >> (shift * i)) & ((1 << shift) - 1) for i in range(spec.components)]
+    if max(fields) >> spec.bits or record.constant >> (shift * spec.components):
+        said = f"column {spec.name} has the constant {record.constant:#x}, which is out of range"
+        raise CorruptFileError(RULE_CONSTANT, path, at, said)
+    return np.tile(np.array(fields, spec.dtype), (count, 1))
+
+
+def check_occupancy(masks: Bytes, log2_edge: int, count: int, path: str, at: int) -> None:
+    """Refuse octree masks that are not a tree of `count` leaves; others decode within bounds."""
+    children = np.cumsum(np.bitwise_count(masks), dtype=np.int64)
+    end = 1
+    for _ in range(log2_edge - 1):
+        if end > masks.size:
+            break
+        end = 1 + int(children[end - 1])
+    if end != masks.size or int(children[-1]) + 1 - end != count:
+        said = f"{masks.size} octree masks are not the tree of {count} voxels"
+        raise CorruptFileError(RULE_TREE, path, at, said)
+    if not masks.all():
+        raise CorruptFileError(RULE_EMPTY_MASK, path, at, "an octree mask has no child")
+
+
+def _check_padding(whole: Bytes, count: int, path: str, at: int) -> None:
+    used = count & 7
+    if used and (whole[(count >> 3) :: (count + 7) >> 3] >> np.uint8(used)).any():
+        said = f"the bits after voxel {count - 1} of a bit plane are not zero"
+        raise CorruptFileError(RULE_PADDING, path, at, said)
+
+
+def _check_range(spec: ColumnSpec, largest: int, path: str, at: int) -> None:
+    if largest >> spec.bits:
+        said = f"column {spec.name} has the value {largest}, above its {spec.bits} bits"
+        raise CorruptFileError(RULE_RANGE, path, at, said)
