@@ -1,0 +1,138 @@
+"""PLY: what can be mapped is mapped, the rest is spilled by ply_spill."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gstream.errors import InputError
+from gstream.readers.mesh import DiskArray, Mesh
+from gstream.readers.ply_columns import COORDINATES, Table, colours_of, find, normals_of, positions_of
+from gstream.readers.ply_header import REMEDY, Element, Header, Property, read_header
+from gstream.readers.scratch import Spill
+
+INDEX_LISTS = ("vertex_indices", "vertex_index")
+FACES = ("face", "tristrips")
+SCAN_ROWS = 1 << 18
+GLANCE_ROWS = 4096  # faces that needs_spill looks at
+
+
+def open_ply(path: Path, name: str, spill: Spill) -> Mesh:
+    """The mesh of a PLY file: the vertex table and triangles mapped when the file lays them out so."""
+    header = _header(path, name)
+    vertices = vertex_table(header, path)
+    faces = triangle_table(header, path)
+    if vertices is None or faces is None or not _only_triangles(faces, faces.element.rows):
+        raise NotImplementedError
+    rows = faces.element.rows
+    return Mesh(
+        name,
+        positions_of(vertices, spill),
+        triangles_of(faces),
+        rows,
+        normals=normals_of(vertices, spill),
+        colours=colours_of(vertices, spill, "colours"),
+        triangle_colours=colours_of(faces, spill, "triangle_colours", 4),
+        faces=rows,
+        skipped_faces=sum(e.rows for e in header.elements if e.name == "edge"),
+    )
+
+
+def needs_spill(path: Path, name: str) -> bool:
+    """Whether opening the file writes scratch; looks at the header and the first faces only."""
+    header = _header(path, name)
+    vertices, faces = vertex_table(header, path), triangle_table(header, path)
+    return vertices is None or faces is None or not _only_triangles(faces, GLANCE_ROWS)
+
+
+def _header(path: Path, name: str) -> Header:
+    with open(path, "rb") as file:
+        header = read_header(file, name)
+    check_elements(header, name)
+    check_size(header, path.stat().st_size, name)
+    return header
+
+
+def check_elements(header: Header, name: str) -> None:
+    """InputError when the header promises no vertices or no faces that this reader knows."""
+    faces = [e for e in header.elements if e.name in FACES and e.rows]
+    if not faces:
+        said = "has no faces (no face or tristrips element with rows)"
+        raise InputError(name, "header", said, "make triangles from the points first")
+    vertex = header.element("vertex")
+    if vertex is None or not find(vertex, COORDINATES):
+        raise InputError(name, "header", "has no vertex element with x, y and z", REMEDY)
+    for element in faces:
+        if not any(p.count and p.name in INDEX_LISTS for p in element.properties):
+            said = f"element {element.name} has no list vertex_indices"
+            raise InputError(name, "header", said, REMEDY)
+
+
+def check_size(header: Header, size: int, name: str) -> None:
+    """Refuse a header that promises more than `size` bytes can hold, before anything is allocated."""
+    there = size - header.body
+    for element in header.elements:
+        one = element.smallest if header.order else 2 * len(element.properties)
+        if element.rows * one - (not header.order) > there:
+            said = f"the file ends inside element {element.name}: the header promises {element.rows}"
+            raise InputError(name, f"byte {size}", said, "copy the file again")
+        there -= element.rows * one
+
+
+def _offset(header: Header, name: str) -> int | None:
+    """The byte at which element `name` starts, when only fixed records precede it."""
+    at = header.body
+    for element in header.elements:
+        if element.name == name:
+            return at
+        if not element.fixed:
+            return None
+        at += element.rows * element.smallest
+    return None
+
+
+def vertex_table(header: Header, path: Path) -> Table | None:
+    """The vertices where they lie; None when they must be read through."""
+    vertex, at = header.element("vertex"), _offset(header, "vertex")
+    if not header.order or vertex is None or at is None or not vertex.fixed:
+        return None
+    return Table(vertex, str(path.absolute()), at, header.order)
+
+
+def triangle_table(header: Header, path: Path) -> Table | None:
+    """The faces as records of a count and three ids; None when header or size rule that out."""
+    faces = [e for e in header.elements if e.name in FACES and e.rows]
+    at = _offset(header, faces[0].name)
+    lists = [p for p in faces[0].properties if p.count]
+    if not header.order or len(faces) > 1 or faces[0].name != "face" or at is None:
+        return None
+    if len(lists) > 1 or lists[0].kind[0] == "f" or lists[0].count[0] == "f":
+        return None
+    properties: list[Property] = []
+    for p in faces[0].properties:
+        ids = [replace(p, name=f"id {i}", count="") for i in range(3)]
+        properties += [Property("count", p.count), *ids] if p.count else [p]
+    element = Element("face", faces[0].rows, tuple(properties))
+    if at + element.rows * element.smallest > path.stat().st_size:
+        return None
+    return Table(element, str(path.absolute()), at, header.order)
+
+
+def _count_property(faces: Table) -> int:
+    return next(i for i, p in enumerate(faces.element.properties) if p.name == "count")
+
+
+def triangles_of(faces: Table) -> DiskArray:
+    first = _count_property(faces) + 1
+    column = faces.column((first, first + 1, first + 2))
+    if column is None:
+        raise TypeError("three ids of one list have one type and one gap")
+    return column
+
+
+def _only_triangles(faces: Table, rows: int) -> bool:
+    """Whether the first `rows` lists have three entries each."""
+    counts = faces.scalar(_count_property(faces)).map()[:rows]
+    return all(
+        bool(np.all(counts[i : i + SCAN_ROWS] == 3)) for i in range(0, len(counts), SCAN_ROWS)
+    )
