@@ -6,7 +6,7 @@ Nothing here knows a field of any format. Source of the limits: formats.md, "Bot
 import zlib
 from typing import Final
 
-import lz4.block  # type: ignore[import-untyped]
+import lz4.block
 
 from gstream.errors import CorruptFileError
 
