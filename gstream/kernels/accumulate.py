@@ -1,0 +1,112 @@
+"""Adding fragments up per voxel, in a sparse map of 8^3 tiles in Morton order.
+
+All sums are int64 fixed point, so no order of addition can change a bit. Morton order of the voxels
+falls out of scanning the tiles: nothing is sorted.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream.kernels import kernel
+
+I64 = NDArray[np.int64]
+F64 = NDArray[np.float64]
+
+TILE_BITS = 9  # a tile holds 8^3 voxels
+TILE_VOXELS = 1 << TILE_BITS
+AREA, VECTOR, CHANNELS = 0, 1, 4  # columns of the sums: area, area vector (3), channels
+HIT = 64  # bit of the flags beside the six face bits
+
+
+@kernel
+def accumulate(
+    fragments: int,
+    keys: NDArray[np.uint32],
+    owners: NDArray[np.int32],
+    hits: NDArray[np.bool_],
+    areas: F64,
+    channels: F64,
+    normals: F64,
+    masks: NDArray[np.uint8],
+    tile_slots: NDArray[np.int32],
+    tiles: NDArray[np.int32],
+    used: I64,
+    sums: I64,
+    flags: NDArray[np.uint8],
+) -> int:
+    """Add buffered fragments to the voxels of a box, until done or out of room.
+
+    fragments : int   fragments in the buffer
+    keys, owners, hits, areas, channels, normals, masks : as `fragments.emit` wrote them
+    tile_slots : (box voxels / 512,) i4   Morton tile -> row of tiles, -1 = none yet
+    tiles : (t, 512) i4   Morton voxel in tile -> row of sums, -1 = none yet
+    used : (2,) i8   tiles and voxels in use, updated
+    sums : (v, 4 + c) i8   area, area vector, channels times area; unit 2^-26 voxel face
+    flags : (v,) u1   face mask bits, and HIT where a target was met
+    returns : int   fragments added; fewer than `fragments` where `tiles` or `sums` is full
+    """
+    tile_count, voxel_count = used[0], used[1]
+    done = fragments
+    for f in range(fragments):
+        key = np.int64(keys[f])
+        slot = np.int64(tile_slots[key >> TILE_BITS])
+        if slot < 0:
+            if tile_count == tiles.shape[0]:
+                done = f
+                break
+            slot = tile_count
+            tile_slots[key >> TILE_BITS] = slot
+            for i in range(TILE_VOXELS):
+                tiles[slot, i] = -1
+            tile_count += 1
+        row = np.int64(tiles[slot, key & (TILE_VOXELS - 1)])
+        if row < 0:
+            if voxel_count == sums.shape[0]:
+                done = f
+                break
+            row = voxel_count
+            tiles[slot, key & (TILE_VOXELS - 1)] = row
+            for c in range(sums.shape[1]):
+                sums[row, c] = 0
+            flags[row] = 0
+            voxel_count += 1
+        t = owners[f]
+        area = max(areas[f], 1.0)
+        weight = np.int64(np.rint(area))
+        sums[row, AREA] += weight
+        for c in range(3):
+            sums[row, VECTOR + c] += np.int64(np.rint(area * normals[t, c]))
+        for c in range(channels.shape[1]):
+            sums[row, CHANNELS + c] += np.int64(np.rint(weight * channels[f, c]))
+        flags[row] |= masks[t] | (HIT if hits[f] else 0)
+    used[0], used[1] = tile_count, voxel_count
+    return done
+
+
+@kernel
+def collect(
+    tile_slots: NDArray[np.int32],
+    tiles: NDArray[np.int32],
+    first_tile: int,
+    last_tile: int,
+    rows: NDArray[np.int32],
+    codes: NDArray[np.uint32],
+) -> int:
+    """Voxels of a range of Morton tiles, in Morton order.
+
+    first_tile, last_tile : half-open range of tile_slots
+    rows, codes : (n,) i4, u4   out: row of the sums, Morton code relative to the first tile
+    returns : int   voxels found
+    """
+    count = 0
+    for tile in range(first_tile, last_tile):
+        slot = tile_slots[tile]
+        if slot < 0:
+            continue
+        for i in range(TILE_VOXELS):
+            row = tiles[slot, i]
+            if row >= 0:
+                rows[count] = row
+                codes[count] = np.uint32(((tile - first_tile) << TILE_BITS) | i)
+                count += 1
+    return count

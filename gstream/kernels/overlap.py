@@ -1,0 +1,180 @@
+"""Exact overlap of a triangle with voxels and their targets: thresholds for integer separating axes.
+
+All coordinates are int64 snap units (2^-k voxel) in the triangle's own frame: relative to the low
+corner of the lowest voxel of its box. A test is `A*i + B*j + threshold >= 0` on voxel indices: the
+division by 2^k is done once, in the threshold, by a floor that loses nothing (voxel corners are
+multiples of 2^k). Tie rule `one-sided`: the surface is shifted by an infinitesimal (e1 >> e2 >> e3
+> 0), so an axis value of exactly 0 takes the sign of the axis' first non-zero component.
+
+Bits: extents up to 2^26, normals up to 2^52; plane values wrap modulo 2^64 and are read only where
+`plane_out_of_reach` has shown that the true value is below 2^63.
+
+Source: Akenine-Moeller 2001 (separating axes), Laine 2013 (targets), numerics.md section 1 and 2.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream.kernels import kernel
+
+I64 = NDArray[np.int64]
+
+# Slots of the `plane` array.
+N_X, N_Y, N_Z, CEIL, FLOOR, N_POSITIVE, N_NEGATIVE = 0, 1, 2, 3, 4, 5, 6
+CENTRE_CEIL, CENTRE_FLOOR = 7, 10  # three slots each: targets along x, y, z
+PLANE_SLOTS = 13
+
+
+@kernel
+def first_sign(x: int, y: int, z: int) -> int:
+    """Sign of the first non-zero component: the side to which the infinitesimal shift moves."""
+    if x != 0:
+        return 1 if x > 0 else -1
+    if y != 0:
+        return 1 if y > 0 else -1
+    if z != 0:
+        return 1 if z > 0 else -1
+    return 0
+
+
+@kernel
+def tie(sign: int, closed: bool) -> int:
+    """1 where an axis value of exactly 0 separates: the shift moves the triangle up the axis."""
+    return 1 if sign > 0 and not closed else 0
+
+
+@kernel
+def prepare_plane(tri: I64, k: int, closed: bool, plane: I64) -> None:
+    """Normal and plane thresholds of a triangle.
+
+    tri : (3, 3) i8   corners in the triangle's frame, snap units
+    plane : (PLANE_SLOTS,) i8   out: normal, ceil and floor of n.v/2^k (modulo 2^64) with the tie
+        rule folded in, sums of the positive and negative normal components, and ceil and floor
+        for the segments through the voxel centre along x, y, z
+    source : numerics.md section 2, tier L, with wrapping arithmetic instead of two limbs
+    """
+    for c in range(3):
+        p, q = (c + 1) % 3, (c + 2) % 3
+        plane[c] = (tri[1, p] - tri[0, p]) * (tri[2, q] - tri[0, q]) - (
+            tri[1, q] - tri[0, q]
+        ) * (tri[2, p] - tri[0, p])
+    sign = first_sign(plane[N_X], plane[N_Y], plane[N_Z])
+    up, down = tie(sign, closed), tie(-sign, closed)
+    mask = (1 << k) - 1
+    whole, part, positive, negative = 0, 0, 0, 0
+    for c in range(3):
+        n, v = plane[c], tri[0, c]
+        # n.v = 2^k * whole + part, with every product below 2^63
+        whole += n * (v >> k) + (n >> k) * (v & mask)
+        part += (n & mask) * (v & mask)
+        positive += max(n, 0)
+        negative += min(n, 0)
+    plane[CEIL] = whole - ((-part - up) >> k)
+    plane[FLOOR] = whole + ((part - down) >> k)
+    plane[N_POSITIVE] = positive
+    plane[N_NEGATIVE] = negative
+    half = np.int64(1) << (k - 1)
+    for r in range(3):
+        across = plane[(r + 1) % 3] + plane[(r + 2) % 3]
+        odd = half * (across & 1)
+        plane[CENTRE_CEIL + r] = whole - (across >> 1) - ((odd - part - up) >> k)
+        plane[CENTRE_FLOOR + r] = whole - (across >> 1) + ((part - down - odd) >> k)
+
+
+@kernel
+def plane_out_of_reach(plane: I64, tri: I64, k: int, i: int, j: int, l: int) -> bool:
+    """True when the plane is so far from voxel (i, j, l) that it cannot enter the 256^3 voxels above.
+
+    A float64 estimate with an error below 2^20 against a margin of 2^60: it decides nothing that is
+    near. Where it is False, the plane values of these voxels are below 2^63 and do not wrap.
+    """
+    scale = 1.0 / (1 << k)
+    estimate = (
+        plane[N_X] * (i - tri[0, 0] * scale)
+        + plane[N_Y] * (j - tri[0, 1] * scale)
+        + plane[N_Z] * (l - tri[0, 2] * scale)
+    )
+    return abs(estimate) > 2.0**62
+
+
+@kernel
+def prepare_edges(tri: I64, plane: I64, k: int, closed: bool, edges: I64, centres: I64) -> None:
+    """Thresholds of the nine edge-times-axis tests: three 2D edge tests in each projection.
+
+    edges : (3, 3, 3) i8   out [axis r, edge, (A, B, threshold)]: the voxel's square in the plane
+        (r+1, r+2) is not beyond the edge iff A*i + B*j + threshold >= 0
+    centres : (3, 3) i8   out: the same thresholds for the square's centre instead of its nearest corner
+    A projection of zero area is a segment: two opposite half planes and one test that always holds.
+    """
+    half = np.int64(1) << (k - 1)
+    for r in range(3):
+        p, q = (r + 1) % 3, (r + 2) % 3
+        turn = first_sign(plane[r], 0, 0)
+        longest, flat = 0, 0
+        if turn == 0:
+            for e in range(3):
+                d = abs(tri[(e + 1) % 3, p] - tri[e, p]) + abs(tri[(e + 1) % 3, q] - tri[e, q])
+                if d > longest:
+                    longest, flat = d, e
+        for e in range(3):
+            s = e if turn != 0 else flat
+            a = tri[s, q] - tri[(s + 1) % 3, q]
+            b = tri[(s + 1) % 3, p] - tri[s, p]
+            orient = turn
+            if turn == 0:
+                orient = 1 if e == 0 else (-1 if e == 1 else 0)
+            a *= orient
+            b *= orient
+            sign = first_sign(b, a, 0) if r == 1 else first_sign(a, b, 0)
+            c = -a * tri[s, p] - b * tri[s, q] - tie(sign, closed)
+            edges[r, e, 0] = a
+            edges[r, e, 1] = b
+            edges[r, e, 2] = (c + ((max(a, 0) + max(b, 0)) << k)) >> k
+            centres[r, e] = (c + half * (a + b)) >> k
+
+
+@kernel
+def inside(edges: I64, r: int, i: int, j: int) -> bool:
+    """The voxel square (i, j) of projection r is beyond none of the three edges."""
+    return (
+        edges[r, 0, 0] * i + edges[r, 0, 1] * j + edges[r, 0, 2] >= 0
+        and edges[r, 1, 0] * i + edges[r, 1, 1] * j + edges[r, 1, 2] >= 0
+        and edges[r, 2, 0] * i + edges[r, 2, 1] * j + edges[r, 2, 2] >= 0
+    )
+
+
+@kernel
+def covers(edges: I64, r: int, i: int, j: int) -> bool:
+    """The projected triangle strictly contains the closed voxel square (i, j) of projection r."""
+    for e in range(3):
+        a, b = edges[r, e, 0], edges[r, e, 1]
+        if a * i + b * j + edges[r, e, 2] - abs(a) - abs(b) < 1:
+            return False
+    return True
+
+
+@kernel
+def plane_range(plane: I64, tri_scale: float, w: int, base: int, low: int, high: int) -> tuple[int, int]:
+    """Voxels along axis w, within low..high, whose closed cubes the plane meets.
+
+    base : plane value n.(i, j, l) of the column at index 0 along w, modulo 2^64
+    tri_scale : 1 / n_w as a float64: a first guess, made exact by integer tests
+    returns : (first, last), both included; first > last when there is none
+    """
+    n = plane[w]
+    above = base - plane[CEIL] + plane[N_POSITIVE]  # + n*l >= 0
+    below = base - plane[FLOOR] + plane[N_NEGATIVE]  # + n*l <= 0
+    if n < 0:  # mirror, so that both bounds grow with l
+        above, below, n = -below, -above, -n
+        tri_scale = -tri_scale
+    first = np.int64(min(max(np.ceil(-above * tri_scale), low - 1.0), high + 1.0))
+    while first > low and above + n * (first - 1) >= 0:
+        first -= 1
+    while first <= high and (first < low or above + n * first < 0):
+        first += 1
+    last = np.int64(min(max(np.floor(-below * tri_scale), low - 1.0), high + 1.0))
+    while last < high and below + n * (last + 1) <= 0:
+        last += 1
+    while last >= low and (last > high or below + n * last > 0):
+        last -= 1
+    return first, last

@@ -1,0 +1,177 @@
+"""One box of voxels being filled: the two loops of the voxelizer and the arrays between them.
+
+The box grows its arrays as voxels appear and says so when a byte limit is reached; the caller then
+splits it in eight. Also the plain front for tests and small uses, `voxelize_triangles`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream.kernels import accumulate as acc
+from gstream.kernels import fragments as frag
+
+I64 = NDArray[np.int64]
+F64 = NDArray[np.float64]
+
+MODES = {"conservative": frag.CONSERVATIVE, "6": frag.SIX, "26": frag.TWENTY_SIX}
+TILE_EDGE = 8
+
+
+class BoxFullError(Exception):
+    """The box' arrays would exceed its byte limit."""
+
+
+def spread_table() -> NDArray[np.uint32]:
+    """(256,) u4: the bits of i moved to every third place, the Morton code of (i, 0, 0)."""
+    i = np.arange(256, dtype=np.uint32)
+    table = np.zeros(256, np.uint32)
+    for bit in range(8):
+        table |= ((i >> np.uint32(bit)) & np.uint32(1)) << np.uint32(3 * bit)
+    return table
+
+
+SPREAD = spread_table()
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What decides membership, the same for every triangle of a job."""
+
+    snap_bits: int
+    sep: str
+    closed: bool
+    both_faces: bool
+
+
+class Box:
+    """A cube of edge^3 voxels that collects fragments.
+
+    edge : voxels per edge, a power of two, 8 to 256
+    channels : attribute channels per corner besides the geometry (colour 4, input normal 3)
+    limit_bytes : BoxFullError when the arrays would grow beyond it
+    """
+
+    def __init__(self, rules: Rules, edge: int, channels: int, limit_bytes: int = 1 << 40) -> None:
+        self.rules, self.edge, self.channels, self.limit_bytes = rules, edge, channels, limit_bytes
+        self.tile_slots = np.full((edge // TILE_EDGE) ** 3, -1, np.int32)
+        self.tiles = np.empty((64, acc.TILE_VOXELS), np.int32)
+        self.sums = np.empty((4096, acc.CHANNELS + channels), np.int64)
+        self.flags = np.empty(4096, np.uint8)
+        self.used = np.zeros(2, np.int64)
+        self.fragments = 0
+        b = frag.BUFFER_FRAGMENTS
+        self._keys, self._owners = np.empty(b, np.uint32), np.empty(b, np.int32)
+        self._hits, self._areas = np.empty(b, np.bool_), np.empty(b)
+        self._values = np.empty((b, channels))
+
+    @property
+    def voxels(self) -> int:
+        return int(self.used[1])
+
+    def add(self, corners: I64, values: F64) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
+        """Add triangles; returns per triangle whether a target was met, and its face mask.
+
+        corners : (n, 3, 3) i8   snap units relative to the box's low corner
+        values : (n, 3, channels) f8
+        errors : BoxFullError; the box is then useless
+        """
+        n, rules = len(corners), self.rules
+        normals, masks = np.zeros((n, 3)), np.zeros(n, np.uint8)
+        assigned = np.zeros(n, np.bool_)
+        settings = (rules.snap_bits, MODES[rules.sep], rules.closed, rules.both_faces, self.edge)
+        at = (0, -1)
+        while at[0] < n:
+            t, slab, count = frag.emit(
+                corners, values, settings, at, SPREAD, normals, masks, assigned,
+                self._keys, self._owners, self._hits, self._areas, self._values,
+            )  # fmt: skip
+            self._accumulate(count, normals, masks)
+            self.fragments += count
+            at = (t, slab)
+        return assigned, masks
+
+    def _accumulate(self, count: int, normals: F64, masks: NDArray[np.uint8]) -> None:
+        start = 0
+        while start < count:
+            start += acc.accumulate(
+                count - start, self._keys[start:], self._owners[start:], self._hits[start:],
+                self._areas[start:], self._values[start:], normals, masks,
+                self.tile_slots, self.tiles, self.used, self.sums, self.flags,
+            )  # fmt: skip
+            if start < count:
+                self._grow()
+
+    def _grow(self) -> None:
+        tiles, voxels = self.tiles, self.sums
+        if self.used[0] == len(tiles):
+            self.tiles = np.empty((2 * len(tiles), acc.TILE_VOXELS), np.int32)
+            self.tiles[: len(tiles)] = tiles
+        if self.used[1] == len(voxels):
+            self.sums = np.empty((2 * len(voxels), voxels.shape[1]), np.int64)
+            self.sums[: len(voxels)] = voxels
+            self.flags = np.concatenate([self.flags, np.empty_like(self.flags)])
+        if self.tiles.nbytes + self.sums.nbytes + self.flags.nbytes > self.limit_bytes:
+            raise BoxFullError
+
+    def collect(self, part: int, parts: int) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
+        """Rows of the sums and Morton codes of the part-th of `parts` equal Morton ranges."""
+        tiles = len(self.tile_slots) // parts
+        first = part * tiles
+        slots = int(np.count_nonzero(self.tile_slots[first : first + tiles] >= 0))
+        rows = np.empty(slots * acc.TILE_VOXELS, np.int32)
+        codes = np.empty(len(rows), np.uint32)
+        n = acc.collect(self.tile_slots, self.tiles, first, first + tiles, rows, codes)
+        return rows[:n], codes[:n]
+
+
+@dataclass(frozen=True, slots=True)
+class Voxels:
+    """The sums of one box, in Morton order."""
+
+    voxel: I64  # (m, 3) voxel coordinates in the grid
+    hit: NDArray[np.bool_]  # (m,) a target was met; all true in the conservative mode
+    area: I64  # (m,) unit 2^-26 voxel face, at least 1 per fragment
+    vector: I64  # (m, 3) area vector, same unit
+    mask: NDArray[np.uint8]  # (m,) face mask, 0 where only degenerate triangles met the voxel
+    colour: I64  # (m, c) channels times area
+    fragments: int
+    assigned: NDArray[np.bool_]  # (n,) per triangle: a target in this box was met
+
+
+def voxelize_triangles(
+    vertices: I64,
+    snap_bits: int,
+    box_low: tuple[int, int, int],
+    box_edge: int,
+    sep: str,
+    ties: str,
+    channels: F64 | None = None,
+) -> Voxels:
+    """Voxelize snapped triangles in one box.
+
+    vertices : (n, 3, 3) i8   snap units (2^-snap_bits voxel) in the grid
+    box_low : voxel coordinates of the box's low corner
+    box_edge : power of two, 8 to 256
+    channels : (n, 3, c) f8   attribute channels at the corners
+    """
+    if channels is None:
+        channels = np.zeros((len(vertices), 3, 0))
+    box = Box(Rules(snap_bits, sep, ties == "closed", False), box_edge, channels.shape[2])
+    low = np.array(box_low, np.int64)
+    assigned, _ = box.add(vertices - (low << snap_bits), channels)
+    rows, codes = box.collect(0, 1)
+    sums, flags = box.sums[rows], box.flags[rows]
+    voxel = np.stack([_compact(codes >> np.uint32(c)) for c in range(3)], axis=1) + low
+    return Voxels(
+        voxel, (flags & acc.HIT) != 0, sums[:, acc.AREA], sums[:, acc.VECTOR : acc.CHANNELS],
+        flags & np.uint8(63), sums[:, acc.CHANNELS :], box.fragments, assigned,
+    )  # fmt: skip
+
+
+def _compact(codes: NDArray[np.uint32]) -> I64:
+    out = np.zeros(len(codes), np.int64)
+    for bit in range(8):
+        out |= ((codes >> np.uint32(3 * bit)) & np.uint32(1)).astype(np.int64) << bit
+    return out
