@@ -54,7 +54,9 @@ def reduced(x: int, y: int, z: int, w: int) -> Point:
 def clipped(polygon: Polygon, normal: Vector, offset: int) -> Polygon:
     """The part of a convex polygon where normal . p >= offset; points and segments are polygons too."""
     a, b, c = normal
-    heights = [a * x + b * y + c * z - offset * w for x, y, z, w in polygon]  # w > 0: the sign is right
+    heights = [
+        a * x + b * y + c * z - offset * w for x, y, z, w in polygon
+    ]  # w > 0: the sign is right
     if all(h >= 0 for h in heights):
         return polygon
     kept: Polygon = []
@@ -103,7 +105,9 @@ def _halved(polygon: Polygon, low: Vector, size: Vector) -> Iterator[tuple[Vecto
         return
     half = size[axis] // 2
     middle = low[axis] + half
-    below, above = (clipped(polygon, n, m) for n, m in ((opposite(AXES[axis]), -middle), (AXES[axis], middle)))
+    below, above = (
+        clipped(polygon, n, m) for n, m in ((opposite(AXES[axis]), -middle), (AXES[axis], middle))
+    )
     yield from _halved(below, low, _with(size, axis, half))
     yield from _halved(above, _with(low, axis, middle), _with(size, axis, size[axis] - half))
 
@@ -173,7 +177,9 @@ def face_mask(triangle: Triangle) -> int:
     return bits
 
 
-def area_fractions(triangle: Triangle, snap_bits: int, low: Vector, edge: int) -> dict[Vector, Fraction]:
+def area_fractions(
+    triangle: Triangle, snap_bits: int, low: Vector, edge: int
+) -> dict[Vector, Fraction]:
     """Area of the triangle within each closed voxel / its area; empty for a degenerate triangle.
 
     Measured on the projection along an axis in which the normal is not zero.
@@ -197,8 +203,36 @@ def projected_area(polygon: Polygon, axis: int) -> Fraction:
     return total
 
 
-def area_in_units(triangle: Triangle, snap_bits: int, fraction: Fraction, unit: int = UNIT_AREA) -> Fraction:
+def area_in_units(
+    triangle: Triangle, snap_bits: int, fraction: Fraction, unit: int = UNIT_AREA
+) -> Fraction:
     """fraction x area of the triangle in units of 1/unit square voxel, below the truth by < 2^-60."""
     squared = sum(c * c for c in normal_of(triangle))  # (2 A)^2, units 2^-4k
     root = Fraction(isqrt(squared << 240), 1 << 120)
     return fraction * root * unit / (2 * 4**snap_bits)
+
+
+def moment(polygon: Polygon, axis: int, coordinate: int) -> Fraction:
+    """Twice the integral of a coordinate over the polygon's projection along an axis (a fan)."""
+    u, v = (axis + 1) % 3, (axis + 2) % 3
+    points = [tuple(Fraction(c, p[3]) for c in p[:3]) for p in polygon]
+    total = Fraction(0)
+    for q, r in zip(points[1:], points[2:], strict=False):
+        p = points[0]
+        cross = (q[u] - p[u]) * (r[v] - p[v]) - (q[v] - p[v]) * (r[u] - p[u])
+        total += cross * (p[coordinate] + q[coordinate] + r[coordinate]) / 3
+    return total
+
+
+def centroids(
+    triangle: Triangle, snap_bits: int, low: Vector, edge: int
+) -> dict[Vector, list[Fraction]]:
+    """Centroid, in voxels, of the triangle's part in each closed voxel where that part has an area."""
+    normal = normal_of(triangle)
+    axis = next(axis for axis in range(3) if normal[axis])
+    found = {}
+    for voxel, piece in pieces(polygon_of(triangle, snap_bits, "closed"), low, edge):
+        area = projected_area(piece, axis)
+        if area:
+            found[voxel] = [moment(piece, axis, c) / area for c in range(3)]
+    return found

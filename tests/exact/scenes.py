@@ -4,7 +4,7 @@ Every array is int64 (n, 3, 3): triangle, vertex, (x, y, z), in units of 2^-snap
 """
 
 from collections.abc import Callable
-from math import gcd
+from math import gcd, sin
 from random import Random
 
 import numpy as np
@@ -56,7 +56,9 @@ def _coplanar(random: Random, unit: int, edge: int) -> list[Vertex]:
 
 def _coplanar_lattice(random: Random, unit: int, edge: int) -> list[Vertex]:
     plane, step = _near(random, unit, edge, unit // 2), random.choice([unit, unit // 2])
-    return [[plane, _near(random, unit, edge, step), _near(random, unit, edge, step)] for _ in range(3)]
+    return [
+        [plane, _near(random, unit, edge, step), _near(random, unit, edge, step)] for _ in range(3)
+    ]
 
 
 def _lattice(random: Random, unit: int, edge: int) -> list[Vertex]:
@@ -106,7 +108,11 @@ def _needle(random: Random, unit: int, edge: int) -> list[Vertex]:
     r = pow(p, -1, q)
     s = (p * r - 1) // q  # p r - q s = 1: twice the area of (0, 0), (p, q), (s, r)
     m, n = random.choice([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
-    start = [random.randrange(unit), random.randrange(unit), random.choice([0, random.randrange(unit)])]
+    start = [
+        random.randrange(unit),
+        random.randrange(unit),
+        random.choice([0, random.randrange(unit)]),
+    ]
     start[2] += edge * unit * (m + n < 0)
     flat = ((0, 0), (p, q), (s, r))
     return [[start[0] + x, start[1] + y, start[2] + m * x + n * y] for x, y in flat]
@@ -172,6 +178,8 @@ def _spanning(random: Random, size: int, unit: int, kind: str) -> list[Vertex]:
         return [[random.randrange(size) for _ in range(3)] for _ in range(3)]
     if kind == "lattice":
         return [[random.randrange(size // unit + 1) * unit for _ in range(3)] for _ in range(3)]
+    if kind == "corner to corner":
+        return [[random.choice([0, size]) for _ in range(3)] for _ in range(3)]
     if kind == "near-parallel":  # a slope of a few snap units over the whole scene
         plane = random.randrange(size // unit - 1) * unit
         near = [[plane + random.randint(-3, 3)] for _ in range(3)]
@@ -183,7 +191,7 @@ def _spanning(random: Random, size: int, unit: int, kind: str) -> list[Vertex]:
     return _tie_plane(random, unit, size // unit)
 
 
-SPANNING = ("generic", "lattice", "near-parallel", "sliver", "tie plane")
+SPANNING = ("generic", "lattice", "corner to corner", "near-parallel", "sliver", "tie plane")
 
 
 def spanning(kind: str, seed: int, count: int, resolution: int, snap_bits: int) -> Triangles:
@@ -271,3 +279,34 @@ def subdivided(triangles: Triangles, times: int) -> Triangles:
         parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
         triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
     return triangles
+
+
+def sphere(steps: int, radius: float, centre: Vector, snap: int, wobble: float = 0.0) -> Triangles:
+    """A closed bumpy sphere of 8 steps^2 triangles, its vertices on multiples of snap snap units.
+
+    Each vertex is a pure function of its place on the octahedron, so the mesh is closed to the bit;
+    triangles that the snapping flattens are kept.
+    """
+
+    def vertex(p: Vertex) -> Vertex:
+        x, y, z = (c / sum(c * c for c in p) ** 0.5 for c in p)
+        scale = radius * (1 + wobble * sin(5 * x + 1) * sin(7 * y) * sin(6 * z + 2)) / snap
+        return [o + snap * round(scale * c) for o, c in zip(centre, (x, y, z), strict=True)]
+
+    made = []
+    for face in octahedron((0, 0, 0), 1).tolist():
+        a, b, c = face
+        for i in range(steps):
+            for j in range(steps - i):
+                for up in (True, False):
+                    if not up and i + j >= steps - 1:
+                        continue
+                    places = ((i, j), (i + 1, j), (i, j + 1))
+                    if not up:
+                        places = ((i + 1, j), (i + 1, j + 1), (i, j + 1))
+                    made.append([
+                        vertex([(steps - s - t) * p + s * q + t * r
+                                for p, q, r in zip(a, b, c, strict=True)])
+                        for s, t in places
+                    ])  # fmt: skip
+    return np.array(made, np.int64)
