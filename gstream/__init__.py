@@ -1,3 +1,92 @@
-"""Out-of-core voxel preprocessing: triangle meshes in, one streamable block file out."""
+"""Out-of-core voxel preprocessing: triangle meshes in, one streamable block file out.
+
+The Python API: `build`, `open` and `check`. Nothing heavy is imported before it is called.
+"""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping, Sequence
+
+    from gstream.check import Report
+    from gstream.read import BlockFile
+    from gstream.run.pipeline import RunReport
+    from gstream.run.progress import Progress
 
 __version__ = "0.1.0"
+
+
+def build(
+    inputs: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
+    *,
+    ingest: Mapping[str, Any] | None = None,
+    workers: int | None = None,
+    memory: int = 2 << 30,
+    tmp: str | None = None,
+    force: bool = False,
+    progress: Progress | None = None,
+    **voxelize: Any,
+) -> RunReport:
+    """Build the block file `output` from one mesh or several.
+
+    ingest : fields of `gstream.job.IngestSettings` beside the inputs
+    voxelize : fields of `gstream.job.VoxelizeSettings`: resolution or voxel_size (one of them is
+        needed), sep, ties, block, lod, keep_weights, faces, normals, normal_bits, lz4, cell
+    workers : processes, 0 = this one, None = one per processor
+    memory : bytes for all processes together
+    errors : GstreamError, as the command line has them (gstream.errors)
+    """
+    import os
+
+    from gstream.job import IngestSettings, VoxelizeSettings
+    from gstream.run import commands
+
+    paths = [inputs] if isinstance(inputs, str | os.PathLike) else list(inputs)
+    request = commands.build(
+        IngestSettings(inputs=tuple(map(os.fspath, paths)), **dict(ingest or {})),
+        VoxelizeSettings(**voxelize),
+        os.fspath(output),
+        commands.RunOptions(workers=workers, memory=memory, tmp=tmp, force=force),
+    )
+    return request.run(progress)
+
+
+def open(path: str | os.PathLike[str]) -> BlockFile:
+    """Open a block file: iterate its levels and blocks, read a block by key or a region by box.
+
+    errors : CorruptFileError, UnsupportedError
+    """
+    from gstream.read import open_block_file
+
+    return open_block_file(path)
+
+
+def check(path: str | os.PathLike[str], *, quick: bool = False) -> Report:
+    """Check a block file or a geometry stream against the spec; `quick` = structure and indexes.
+
+    returns : a report whose `findings` are empty where all is well
+    """
+    from gstream.check import check_file
+
+    return check_file(path, quick)
+
+
+class _Package(ModuleType):
+    """This package, in which `check` stays the function above.
+
+    The import system binds a submodule to its package under the same name; for check.py that
+    would make `gstream.check(path)` work only until somebody imports the module.
+    """
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name != "check" or not isinstance(value, ModuleType):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -11,7 +11,7 @@ from gstream.errors import RefusedError
 MIB = 1 << 20
 PARENT_BYTES = 192 * MIB  # Σ Pss_Anon of a parent with all kernels loaded
 WORKER_BYTES = 160 * MIB  # the same of a spawned worker
-LEAST_UNIT_BYTES = 192 * MIB  # below this, cells split down to single blocks and piles turn tiny
+LEAST_UNIT_BYTES = 256 * MIB  # a unit of presort: half a million triangles and their records
 LEAST_MEMORY = PARENT_BYTES + LEAST_UNIT_BYTES
 
 

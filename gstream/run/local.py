@@ -6,6 +6,7 @@ and lives for the whole job; it dies with its parent. Decisions are made in `sch
 
 import contextlib
 import errno
+import fcntl
 import importlib
 import os
 import shutil
@@ -20,10 +21,11 @@ from multiprocessing.connection import Connection, wait
 from types import FrameType, TracebackType
 from typing import Protocol, Self
 
-from gstream.errors import GstreamError, StoppedError
+from gstream.errors import GstreamError, StoppedError, UsageError
 from gstream.job import Job, Unit
 from gstream.run.schedule import ATTEMPTS, Died, Done, Event, GiveUp, Ready, Schedule
 
+LOCK_FILE = "lock"
 RESUME = "run the same command again to resume"
 STOP_SECONDS = 1.5  # a kernel in this process cannot be interrupted: leave without it
 SAMPLE_SECONDS = 0.5
@@ -236,6 +238,29 @@ def _given_up(unit: Unit, status: int) -> StoppedError:
     hint = "out of memory? give fewer --workers, " if status == -signal.SIGKILL else ""
     said = f"stage {unit.stage}, unit {unit.name}: its worker died {ATTEMPTS} times ({cause})"
     return StoppedError(said, f"{hint}{RESUME}")
+
+
+# --- locks --------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def locked_folder(path: str) -> Iterator[None]:
+    """Make the folder `path` if need be and hold its lock, which a killed process lets go.
+
+    errors : UsageError when another process holds it
+    """
+    name = os.path.join(path, LOCK_FILE)
+    while True:
+        os.makedirs(path, exist_ok=True)
+        with contextlib.suppress(FileNotFoundError), open(name, "ab") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                said = f"{path}: this job is running already in another process"
+                raise UsageError(said, "wait for it, or stop it") from None
+            if os.path.samestat(os.fstat(file.fileno()), os.stat(name)):  # else just removed
+                yield
+                return
 
 
 # --- signals ------------------------------------------------------------------------------------

@@ -1,0 +1,125 @@
+"""Commands that run a job: ingest, voxelize, build, simplify."""
+
+import json
+from typing import Any
+
+import click
+
+from gstream.errors import UsageError
+from gstream.job import IngestSettings, VoxelizeSettings
+from gstream.run import commands
+from gstream.run.commands import Request
+from gstream.run.publish import publish
+from gstream_cli import options
+from gstream_cli.progress import watch
+from gstream_cli.report import full_report, table
+
+
+@click.command()
+@options.inputs
+@options.output
+@options.ingesting
+@options.lz4
+@options.running
+def ingest(inputs: tuple[str, ...], output: str, **values: Any) -> None:
+    """Read meshes (PLY, STL, OBJ, OFF, each also .gz) into one geometry stream.
+
+    \b
+    gstream ingest scan.ply -o scan.gst
+    gstream ingest a.obj b.stl.gz -o scene.gst --units mm --up z --order spatial
+    """
+    _run(commands.ingest(_ingest(inputs, values), output, options.run_options(values)), values)
+
+
+@click.command()
+@click.argument("stream", metavar="SCENE.gst")
+@options.output
+@options.voxelizing
+@options.lz4
+@options.running
+def voxelize(stream: str, output: str, **values: Any) -> None:
+    """Voxelize a geometry stream into a block file with all its levels of detail.
+
+    \b
+    gstream voxelize scene.gst -o scene.gsb --resolution 4096
+    gstream voxelize scene.gst -o scene.gsb --voxel-size 0.01 --sep conservative --memory 1GiB
+    """
+    settings = _voxelize(values)
+    _run(commands.voxelize(stream, settings, output, options.run_options(values)), values)
+
+
+@click.command()
+@options.inputs
+@options.output
+@options.voxelizing
+@options.ingesting
+@options.lz4
+@options.running
+def build(inputs: tuple[str, ...], output: str, **values: Any) -> None:
+    """Ingest meshes and voxelize them in one job.
+
+    \b
+    gstream build scan.ply -o scan.gsb --resolution 2048
+    gstream build a.obj b.obj -o scene.gsb --voxel-size 0.5 --units mm --workers 4
+    """
+    voxels = _voxelize(values)
+    request = commands.build(_ingest(inputs, values), voxels, output, options.run_options(values))
+    _run(request, values)
+
+
+@click.command()
+@click.argument("blockfile", metavar="IN.gsb")
+@options.output
+@options.running
+def simplify(blockfile: str, output: str, **values: Any) -> None:
+    """Build the coarser levels of a block file from its level 0.
+
+    \b
+    gstream simplify fine.gsb -o scene.gsb
+    """
+    _run(commands.simplify(blockfile, output, options.run_options(values)), values)
+
+
+def _ingest(inputs: tuple[str, ...], values: dict[str, Any]) -> IngestSettings:
+    return IngestSettings(
+        inputs=inputs,
+        order=values["order"],
+        lz4=values["lz4"],
+        chunk_triangles=values["chunk"],
+        bounds=values["bounds"],
+        metadata=options.metadata(values),
+    )
+
+
+def _voxelize(values: dict[str, Any]) -> VoxelizeSettings:
+    if values["resolution"] is None and values["voxel_size"] is None:
+        raise UsageError("the voxels have no size", "give --resolution N or --voxel-size H")
+    return VoxelizeSettings(
+        sep=values["sep"],
+        ties=values["ties"],
+        resolution=values["resolution"],
+        voxel_size=values["voxel_size"],
+        block=values["block"],
+        lod=not values["no_lod"],
+        keep_weights=values["keep_weights"],
+        faces=values["faces"],
+        normals=values["normals"],
+        normal_bits=values["normal_bits"],
+        lz4=values["lz4"],
+        cell=values["cell"],
+    )
+
+
+def _run(request: Request, values: dict[str, Any]) -> None:
+    """Run the job or print its plan, then its report: data on stdout, talk on stderr."""
+    if values["dry_run"]:
+        for line in request.describe():
+            click.echo(line)
+        return
+    with watch(values["quiet"]) as progress:
+        report = full_report(request.run(progress))
+    if values["report"]:
+        with publish(values["report"]) as file:
+            file.write(json.dumps(report, indent=1, sort_keys=True).encode() + b"\n")
+    if not values["quiet"]:
+        table(report)

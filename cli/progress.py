@@ -1,0 +1,126 @@
+"""Progress as a person sees it: a bar on a terminal, a plain line every two seconds elsewhere."""
+
+import sys
+import time
+from typing import Self, TextIO
+
+from gstream.run.progress import Silent
+
+LINE_SECONDS = 2.0
+
+
+class Lines:
+    """Plain lines, at most one each two seconds; a job that fails at once says only its error."""
+
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
+        self._notes: list[str] = []
+        self._said_at = self._began = time.monotonic()
+        self._units = self._done = 0
+        self._cost = self._done_cost = 0.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._out.flush()
+
+    def note(self, said: str) -> None:
+        self._notes.append(said)
+
+    def stage_begins(self, stage: str, units: int, cost: float) -> None:
+        self._began = time.monotonic()
+        self._units, self._cost = units, cost
+        self._done, self._done_cost = 0, 0.0
+
+    def unit_done(self, stage: str, cost: float) -> None:
+        self._done += 1
+        self._done_cost += cost
+        spent = time.monotonic() - self._began
+        rate = self._done / max(spent, 1e-9)
+        part = self._done_cost / self._cost if self._cost else self._done / self._units
+        left = spent * (1 - part) / part if part else 0
+        counts = f"{self._done}/{self._units} units"
+        self._say(f"{stage}: {counts}, {rate:.1f}/s, {clock(left)} left")
+
+    def stage_ends(self, stage: str, seconds: float) -> None:
+        self._say(f"{stage}: done in {seconds:.1f} s")
+
+    def _say(self, line: str) -> None:
+        now = time.monotonic()
+        if now - self._said_at < LINE_SECONDS:
+            return
+        self._said_at = now
+        for note in self._notes:
+            print(note, file=self._out)
+        self._notes.clear()
+        print(line, file=self._out, flush=True)
+
+
+class Bars:
+    """One rich bar per stage: units, rate and time left, weighed by estimated cost."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import Progress as RichProgress
+
+        self._bars = RichProgress(
+            TextColumn("{task.description:>10}"),
+            BarColumn(),
+            TextColumn("{task.fields[done]}/{task.fields[units]} units"),
+            TextColumn("{task.fields[rate]}"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+        )
+        self._done = 0
+        self._began = 0.0
+
+    def __enter__(self) -> Self:
+        self._bars.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bars.stop()
+
+    def note(self, said: str) -> None:
+        self._bars.console.print(said, highlight=False, markup=False)
+
+    def stage_begins(self, stage: str, units: int, cost: float) -> None:
+        self._done, self._began = 0, time.monotonic()
+        total = max(cost, 1e-9)
+        self._task = self._bars.add_task(stage, total=total, units=units, done=0, rate="")
+
+    def unit_done(self, stage: str, cost: float) -> None:
+        self._done += 1
+        rate = self._done / max(time.monotonic() - self._began, 1e-9)
+        self._bars.update(self._task, advance=cost, done=self._done, rate=f"{rate:.1f}/s")
+
+    def stage_ends(self, stage: str, seconds: float) -> None:
+        total = self._bars.tasks[self._task].total
+        self._bars.update(self._task, completed=total, done=self._done)
+
+
+class Quiet(Silent):
+    """Progress for --quiet."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def watch(quiet: bool) -> Lines | Bars | Quiet:
+    """The progress that fits stderr, as a context manager."""
+    if quiet:
+        return Quiet()
+    return Bars() if sys.stderr.isatty() else Lines(sys.stderr)
+
+
+def clock(seconds: float) -> str:
+    """1:02:03 or 2:03."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

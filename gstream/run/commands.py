@@ -1,0 +1,263 @@
+"""What each command is: its stages, what is checked before it starts, and the job it becomes.
+
+The Python API and the command line meet here; neither knows a stage by name.
+"""
+
+import importlib
+import os
+import shutil
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from math import isfinite
+from pathlib import Path
+from typing import cast
+
+from gstream import __version__
+from gstream.errors import UsageError
+from gstream.grid import MAX_RESOLUTION
+from gstream.job import IngestSettings, Job, VoxelizeSettings
+from gstream.run.budget import DiskNeed, check_disk, disk_of_ingest, disk_of_voxelize, plan_memory
+from gstream.run.journal import Identity, JobFolder, fingerprint, job_folder
+from gstream.run.local import disk_errors
+from gstream.run.pipeline import RunReport, Stage, run_job
+from gstream.run.progress import Progress, Silent
+
+INGEST = ("spill", "ingest")
+VOXELIZE = ("presort", "voxelize", "merge", "simplify", "pack")
+RELEVEL = ("unpack", "simplify", "pack")
+BLOCK_EDGES = (8, 16, 32, 64, 128, 256)
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """How to run a job: nothing here changes a byte of its output."""
+
+    workers: int | None = None  # None = one per processor, 0 = this process
+    memory: int = 2 << 30  # bytes for the whole process tree
+    tmp: str | None = None  # folder for scratch; None = the output's folder
+    force: bool = False  # replace an existing output
+    paranoid: bool = False  # fingerprint all of every input
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One command, checked: its inputs can be read and its output can be written."""
+
+    stages: tuple[str, ...]
+    inputs: tuple[str, ...]
+    output: str
+    options: RunOptions
+    ingest: IngestSettings | None = None
+    voxelize: VoxelizeSettings | None = None
+
+    @property
+    def tmp(self) -> str:
+        return self.options.tmp or os.path.dirname(os.path.abspath(self.output))
+
+    @property
+    def workers(self) -> int:
+        wanted = self.options.workers
+        return (os.cpu_count() or 1) if wanted is None else wanted
+
+    def identity(self) -> Identity:
+        """What names the job's folder; reads samples of all inputs."""
+        whole = self.options.paranoid
+        return Identity(
+            stages=self.stages,
+            settings={
+                "ingest": asdict(self.ingest) if self.ingest else None,
+                "voxelize": asdict(self.voxelize) if self.voxelize else None,
+            },
+            inputs={os.path.abspath(path): fingerprint(path, whole) for path in self.inputs},
+            output=os.path.abspath(self.output),
+            version=__version__,
+        )
+
+    def disk(self) -> tuple[DiskNeed, ...]:
+        """What ingest and what voxelize will write, as far as can be told before the start."""
+        stream = sum(os.path.getsize(path) for path in self.inputs)
+        needs = []
+        if self.ingest is not None:
+            needs.append(disk_of_ingest(tuple(map(_size_and_spill, self.inputs))))
+            stream = needs[0].output
+        if self.voxelize is not None:
+            needs.append(disk_of_voxelize(stream, self.voxelize.resolution or 0))
+        return tuple(needs)
+
+    def run(self, progress: Progress | None = None) -> RunReport:
+        """Run the job from where it is.
+
+        errors : RefusedError when it does not fit; StoppedError when it can be resumed; InputError
+            and CorruptFileError for its inputs
+        """
+        progress = progress or Silent()
+        self._check_disk()
+        with (
+            job_folder(self.tmp, self.identity(), self.options.memory, self.workers) as folder,
+            ExitStack() as stack,
+        ):
+            job = self._job(folder)
+            stack.enter_context(disk_errors(job, "the pipeline"))
+            verb = "resuming" if folder.resumed else "working"
+            progress.note(f"{verb} in {folder.path} with {_count(folder.workers)}")
+            modules = [importlib.import_module(f"gstream.stages.{name}") for name in self.stages]
+            return run_job(job, cast(Sequence[Stage], modules), progress, folder.workers)
+
+    def describe(self) -> Iterable[str]:
+        """The plan and its estimates, for --dry-run; nothing is written."""
+        plan = plan_memory(self.options.memory, self.workers)
+        for path in self.inputs:
+            yield f"input    {path}  {_mib(os.path.getsize(path))}"
+        yield f"output   {self.output}"
+        yield f"stages   {' '.join(self.stages)}"
+        yield f"memory   {_mib(self.options.memory)}: {_count(plan.workers)}, " + (
+            f"{_mib(plan.worker_memory)} for each unit"
+        )
+        yield f"scratch  {os.path.join(self.tmp, self.identity().folder_name())}"
+        needs = self.disk()
+        yield f"disk     about {_mib(sum(n.scratch for n in needs))} of scratch, " + (
+            f"{_mib(needs[-1].output if needs else 0)} of output, or more"
+        )
+        self._check_disk()
+
+    def _check_disk(self) -> None:
+        needs = self.disk()
+        output = os.path.dirname(os.path.abspath(self.output))
+        scratch = sum(n.scratch for n in needs) + sum(n.output for n in needs[:-1])
+        check_disk("scratch", self.tmp, scratch, shutil.disk_usage(self.tmp).free)
+        for need in needs[-1:]:
+            check_disk("the output", output, need.output, shutil.disk_usage(output).free)
+
+    def _job(self, folder: JobFolder) -> Job:
+        if self.ingest is None:
+            stream = os.path.abspath(self.inputs[0])
+        elif self.voxelize is None:
+            stream = os.path.abspath(self.output)
+        else:
+            stream = str(folder.path / "scene.gst")
+        return Job(
+            folder=str(folder.path),
+            output=os.path.abspath(self.output),
+            stream=stream,
+            ingest=self.ingest,
+            voxelize=self.voxelize,
+            workers=folder.plan.workers,
+            memory=self.options.memory,
+            worker_memory=folder.plan.worker_memory,
+        )
+
+
+def ingest(settings: IngestSettings, output: str, options: RunOptions) -> Request:
+    """`gstream ingest`: meshes to one geometry stream.
+
+    errors : UsageError for any path or option that cannot work
+    """
+    check_paths(settings.inputs, output, options)
+    return Request(INGEST, settings.inputs, output, options, ingest=settings)
+
+
+def voxelize(stream: str, settings: VoxelizeSettings, output: str, options: RunOptions) -> Request:
+    """`gstream voxelize`: a geometry stream to a block file.
+
+    errors : UsageError for any path or option that cannot work
+    """
+    check_voxelize(settings)
+    check_paths((stream,), output, options)
+    return Request(VOXELIZE, (stream,), output, options, voxelize=settings)
+
+
+def build(
+    settings: IngestSettings, voxels: VoxelizeSettings, output: str, options: RunOptions
+) -> Request:
+    """`gstream build`: meshes to a block file.
+
+    errors : UsageError for any path or option that cannot work
+    """
+    check_voxelize(voxels)
+    check_paths(settings.inputs, output, options)
+    stages = (*INGEST, *VOXELIZE)
+    return Request(stages, settings.inputs, output, options, ingest=settings, voxelize=voxels)
+
+
+def simplify(blockfile: str, output: str, options: RunOptions) -> Request:
+    """`gstream simplify`: a block file with level 0 to one with all its levels.
+
+    errors : UsageError for any path or option that cannot work
+    """
+    check_paths((blockfile,), output, options)
+    return Request(RELEVEL, (blockfile,), output, options)
+
+
+def check_voxelize(settings: VoxelizeSettings) -> None:
+    """errors : UsageError for a number that no grid can have."""
+    resolution, size = settings.resolution, settings.voxel_size
+    if (resolution is None) == (size is None):
+        raise UsageError("the voxels have no size", "give either --resolution or --voxel-size")
+    if resolution is not None and not 1 <= resolution <= MAX_RESOLUTION:
+        said = f"--resolution {resolution} is out of range"
+        raise UsageError(said, f"give 1 to {MAX_RESOLUTION} voxels per axis")
+    if size is not None and not (isfinite(size) and size > 0):
+        raise UsageError(f"--voxel-size {size} is out of range", "give a positive length")
+    if settings.block not in BLOCK_EDGES:
+        raise UsageError(
+            f"--block {settings.block} is out of range", "give a power of two, 8 to 256"
+        )
+    if settings.cell not in BLOCK_EDGES or settings.cell < settings.block:
+        said = f"--cell {settings.cell} is out of range"
+        raise UsageError(said, f"give a power of two, {settings.block} (--block) to 256")
+
+
+def check_paths(inputs: Sequence[str], output: str, options: RunOptions) -> None:
+    """errors : UsageError for inputs that cannot be read and outputs that cannot be written."""
+    if not inputs:
+        raise UsageError("there is no input", "name at least one file")
+    for path in inputs:
+        _check_input(path)
+        if os.path.exists(output) and os.path.samefile(path, output):
+            raise UsageError(f"{output}: is an input as well as the output", "name another output")
+    _check_folder(os.path.dirname(os.path.abspath(output)), "the output's folder")
+    if options.tmp is not None:
+        _check_folder(options.tmp, "the folder for scratch")
+    if os.path.isdir(output):
+        raise UsageError(f"{output}: is a folder", "name a file")
+    if os.path.exists(output) and not options.force:
+        raise UsageError(f"{output}: exists already", "add --force to replace it")
+
+
+def _check_input(path: str) -> None:
+    if os.path.isdir(path):
+        raise UsageError(f"{path}: is a folder", "name the file in it")
+    if not os.path.exists(path):
+        raise UsageError(f"{path}: no such file", "check its name and folder")
+    if not os.path.isfile(path):
+        raise UsageError(f"{path}: is not a regular file", "copy it to a file first")
+    try:
+        open(path, "rb").close()
+    except OSError as error:
+        said = f"{path}: cannot be read: {os.strerror(error.errno or 0)}"
+        raise UsageError(said, "check its permissions") from error
+
+
+def _check_folder(path: str, what: str) -> None:
+    if not os.path.isdir(path):
+        raise UsageError(f"{path}: {what} does not exist", "create it first")
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise UsageError(f"{path}: {what} cannot be written", "check its permissions")
+
+
+def _size_and_spill(path: str) -> tuple[int, bool]:
+    """Gzip is told by content, text by name: good enough for an estimate."""
+    with open(path, "rb") as file:
+        packed = file.read(2) == b"\x1f\x8b"
+    return os.path.getsize(path), packed or Path(path).suffix.lower() in (".obj", ".off")
+
+
+def _count(workers: int) -> str:
+    if workers == 0:
+        return "this process alone"
+    return f"{workers} worker{'s' if workers > 1 else ''}"
+
+
+def _mib(size: int) -> str:
+    return f"{size / (1 << 20):.1f} MiB"
