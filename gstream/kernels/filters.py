@@ -1,0 +1,398 @@
+"""The column filters of the block file, compiled: the same bytes as gstream/formats/filters.py.
+
+The public functions are thin: lengths were checked by formats/columns.py, so the loops stay within
+their arrays. Source: spec, "Filters"; the 8 x 8 transpose is Warren, Hacker's Delight, section 7-3.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from gstream.kernels import kernel
+
+NONE = 0
+BYTE_PLANES = 1
+BIT_PLANES = 2
+DELTA_BIT_PLANES = 3
+XOR_BIT_PLANES = 4
+GREEN_DELTA_BIT_PLANES = 5
+FILTERS = range(6)
+
+PLAIN, DELTA, XOR = 0, 1, 2
+STEPS = {
+    BIT_PLANES: PLAIN,
+    DELTA_BIT_PLANES: DELTA,
+    XOR_BIT_PLANES: XOR,
+    GREEN_DELTA_BIT_PLANES: DELTA,
+}
+
+ZERO, ONE, BYTE = np.uint64(0), np.uint64(1), np.uint64(255)
+SHIFT_7, SHIFT_14, SHIFT_28 = np.uint64(7), np.uint64(14), np.uint64(28)
+SWAP_1 = np.uint64(0x00AA00AA00AA00AA)
+SWAP_2 = np.uint64(0x0000CCCC0000CCCC)
+SWAP_4 = np.uint64(0x00000000F0F0F0F0)
+
+CHILD_COUNT = np.array([m.bit_count() for m in range(256)], np.uint8)
+CHILDREN = np.array(
+    [([c for c in range(8) if m >> c & 1] + [0] * 8)[:8] for m in range(256)], np.uint32
+)
+
+
+def apply_filter(filter_id: int, values: NDArray[Any], bits: int) -> NDArray[np.uint8]:
+    """Filter one column; see formats/filters.py."""
+    if filter_id not in FILTERS:
+        raise ValueError(f"there is no filter {filter_id}")
+    if filter_id == NONE:
+        return np.ascontiguousarray(values.T).reshape(-1).view(np.uint8)
+    count, components = values.shape
+    values = np.ascontiguousarray(values)
+    if filter_id == BYTE_PLANES:
+        parts = np.empty((components, values.itemsize, count), np.uint8)
+        split_bytes(values, parts)
+        return parts.reshape(-1)
+    if filter_id == GREEN_DELTA_BIT_PLANES:
+        values = subtract_green(values)
+    planes = np.empty((components, bits, (count + 7) // 8), np.uint8)
+    split_planes(values, STEPS[filter_id], planes)
+    return planes.reshape(-1)
+
+
+def undo_filter(
+    filter_id: int, data: NDArray[np.uint8], shape: tuple[int, int], dtype: DTypeLike, bits: int
+) -> NDArray[Any]:
+    """Undo apply_filter; see formats/filters.py."""
+    if filter_id not in FILTERS:
+        raise ValueError(f"there is no filter {filter_id}")
+    count, components = shape
+    values = np.empty(shape, dtype)
+    if filter_id == NONE:
+        for c, component in enumerate(data.view(dtype).reshape(components, count)):
+            values[:, c] = component
+    elif filter_id == BYTE_PLANES:
+        parts = data.reshape(components, values.itemsize, count)
+        join_bytes(parts, values)
+    else:
+        join_planes(data.reshape(components, bits, -1), STEPS[filter_id], values)
+        if filter_id == GREEN_DELTA_BIT_PLANES:
+            add_green(values)
+    return values
+
+
+def count_leaves(masks: NDArray[np.uint8], log2_edge: int) -> int:
+    """Count the voxels of an octree, 0 if the masks are none; see formats/filters.py."""
+    return int(measure_octree(masks, log2_edge))
+
+
+def encode_occupancy(morton: NDArray[np.uint32], log2_edge: int) -> NDArray[np.uint8]:
+    """Turn ascending local codes into octree child masks; see formats/filters.py."""
+    nodes = morton.astype(np.uint32)  # a copy: overwritten
+    masks = np.zeros(morton.size * log2_edge, np.uint8)
+    return masks[fold_octree(nodes, log2_edge, masks) :]
+
+
+def decode_occupancy(masks: NDArray[np.uint8], log2_edge: int, count: int) -> NDArray[np.uint32]:
+    """Turn checked octree child masks back into local codes; see formats/filters.py."""
+    nodes = np.empty((2, count + 8), np.uint32)
+    return nodes[unfold_octree(masks, log2_edge, nodes), :count]
+
+
+def warm() -> None:
+    """Compile every kernel of this file for the types that columns have."""
+    for dtype, components, bits in ((np.uint8, 4, 8), (np.uint16, 2, 11), (np.uint32, 1, 32)):
+        values = np.ones((3, components), dtype)
+        for filter_id in FILTERS[: 6 if components == 4 else 5]:
+            data = np.frombuffer(apply_filter(filter_id, values, bits).tobytes(), np.uint8)
+            undo_filter(filter_id, data, values.shape, dtype, bits)
+    masks = encode_occupancy(np.zeros(1, np.uint32), 3)
+    masks = np.frombuffer(masks.tobytes(), np.uint8)
+    decode_occupancy(masks, 3, count_leaves(masks, 3))
+
+
+@kernel
+def transpose_8x8(word):
+    """Transpose a matrix of 8 x 8 bits: bit c of byte r goes to bit r of byte c.
+
+    word   : uint64
+    returns: uint64
+    errors : none
+    source : Warren, Hacker's Delight, section 7-3
+    """
+    swapped = (word ^ (word >> SHIFT_7)) & SWAP_1
+    word ^= swapped ^ (swapped << SHIFT_7)
+    swapped = (word ^ (word >> SHIFT_14)) & SWAP_2
+    word ^= swapped ^ (swapped << SHIFT_14)
+    swapped = (word ^ (word >> SHIFT_28)) & SWAP_4
+    return word ^ (swapped ^ (swapped << SHIFT_28))
+
+
+@kernel
+def join_planes(planes, step, values):
+    """Turn bit planes back into values, one component after the other.
+
+    planes : (components, bits, ceil(n / 8)) u8; step : int   PLAIN | DELTA | XOR
+    values : (n, components) u8, u16 or u32, out
+    errors : none; the length of the planes was checked
+    source : spec, "Filters"
+    """
+    components, bits, m = planes.shape
+    words = np.empty(((bits + 7) >> 3, m), np.uint64)
+    parts = words.view(np.uint8)  # little-endian: byte j of a word is voxel j
+    for c in range(components):
+        words[:] = ZERO
+        # One plane after the other, so that the loops over m vectorise: 0.3 ns a value, against
+        # 1.5 for gathering a word from eight planes at once.
+        for p in range(bits):
+            shift = np.uint64(8 * (p & 7))
+            plane, row = planes[c, p], words[p >> 3]
+            for g in range(m):
+                row[g] |= np.uint64(plane[g]) << shift
+        for q in range(words.shape[0]):
+            row = words[q]
+            for g in range(m):
+                row[g] = transpose_8x8(row[g])
+        if step == DELTA:
+            sum_deltas(parts, bits, values[:, c])
+        elif step == XOR:
+            sum_xor(parts, values[:, c])
+        else:
+            join_parts(parts, values[:, c])
+
+
+@kernel
+def split_planes(values, step, planes):
+    """Undo join_planes.
+
+    values : (n, components) u8, u16 or u32; step : int   PLAIN | DELTA | XOR
+    planes : (components, bits, ceil(n / 8)) u8, out
+    errors : none
+    source : spec, "Filters"
+    """
+    components, bits, m = planes.shape
+    coded = np.zeros(8 * m, values.dtype)
+    words = np.empty(((bits + 7) >> 3, m), np.uint64)
+    parts = words.view(np.uint8)
+    for c in range(components):
+        code_steps(values[:, c], step, bits, coded)
+        for q in range(words.shape[0]):
+            shift = np.uint64(8 * q)
+            part = parts[q]
+            for i in range(8 * m):
+                part[i] = (np.uint64(coded[i]) >> shift) & BYTE
+            row = words[q]
+            for g in range(m):
+                row[g] = transpose_8x8(row[g])
+        for p in range(bits):
+            shift = np.uint64(8 * (p & 7))
+            plane, row = planes[c, p], words[p >> 3]
+            for g in range(m):
+                plane[g] = (row[g] >> shift) & BYTE
+
+
+@kernel
+def code_steps(values, step, bits, coded):
+    """Code each value of one component against the one before.
+
+    values, step, bits : (n,) unsigned, int   PLAIN | DELTA | XOR, int
+    coded  : (m >= n,) of the same type, out; left alone from n on
+    errors : none
+    source : spec, "Filters": zigzag of the difference modulo 2^bits, or exclusive or
+    """
+    low = (ONE << np.uint64(bits)) - ONE
+    sign = np.uint64(bits - 1)
+    last = ZERO
+    for i in range(values.size):
+        value = np.uint64(values[i])
+        if step == DELTA:
+            delta = (value - last) & low
+            coded[i] = ((delta << ONE) ^ (ZERO - (delta >> sign))) & low
+        elif step == XOR:
+            coded[i] = value ^ last
+        else:
+            coded[i] = value
+        last = value
+
+
+@kernel
+def value_at(parts, i):
+    """One value from its bytes: parts (1, 2 or 4, m) u8, low bytes first. Returns uint64."""
+    value = np.uint64(parts[0, i])
+    if parts.shape[0] > 1:
+        value |= np.uint64(parts[1, i]) << np.uint64(8)
+    if parts.shape[0] > 2:
+        value |= np.uint64(parts[2, i]) << np.uint64(16)
+        value |= np.uint64(parts[3, i]) << np.uint64(24)
+    return value
+
+
+@kernel
+def sum_deltas(parts, bits, values):
+    """Undo code_steps with DELTA; parts (1, 2 or 4, m >= n) u8, values (n,) out."""
+    low = (ONE << np.uint64(bits)) - ONE
+    last = ZERO
+    for i in range(values.size):
+        coded = value_at(parts, i)
+        last += (coded >> ONE) ^ (ZERO - (coded & ONE))
+        values[i] = last & low
+
+
+@kernel
+def sum_xor(parts, values):
+    """Undo code_steps with XOR; parts (1, 2 or 4, m >= n) u8, values (n,) out."""
+    last = ZERO
+    for i in range(values.size):
+        last ^= value_at(parts, i)
+        values[i] = last
+
+
+@kernel
+def join_parts(parts, values):
+    """Join the bytes of one component; parts (1, 2 or 4, m >= n) u8, values (n,) out."""
+    for i in range(values.size):
+        values[i] = value_at(parts, i)
+
+
+@kernel
+def join_bytes(parts, values):
+    """Turn byte planes, low bytes first, into values.
+
+    parts  : (components, 1, 2 or 4, n) u8
+    values : (n, components) u8, u16 or u32, out
+    errors : none
+    source : spec, "Byte planes"
+    """
+    for c in range(values.shape[1]):
+        join_parts(parts[c], values[:, c])
+
+
+@kernel
+def split_bytes(values, parts):
+    """Undo join_bytes.
+
+    values : (n, components) u8, u16 or u32
+    parts  : (components, 1, 2 or 4, n) u8, out
+    errors : none
+    source : spec, "Byte planes"
+    """
+    n, components = values.shape
+    for c in range(components):
+        for q in range(parts.shape[1]):
+            part = parts[c, q]
+            shift = np.uint64(8 * q)
+            for i in range(n):
+                part[i] = (np.uint64(values[i, c]) >> shift) & BYTE
+
+
+@kernel
+def subtract_green(values):
+    """Turn R, G, B, A into G, R - G, B - G, A modulo 256.
+
+    values : (n, 4) u8
+    returns: (n, 4) u8
+    errors : none
+    source : spec, "Green delta bit planes"
+    """
+    coded = np.empty_like(values)
+    for i in range(values.shape[0]):
+        green = values[i, 1]
+        coded[i, 0] = green
+        coded[i, 1] = values[i, 0] - green
+        coded[i, 2] = values[i, 2] - green
+        coded[i, 3] = values[i, 3]
+    return coded
+
+
+@kernel
+def add_green(values):
+    """Undo subtract_green.
+
+    values : (n, 4) u8, in place
+    errors : none
+    source : spec, "Green delta bit planes"
+    """
+    for i in range(values.shape[0]):
+        green = values[i, 0]
+        values[i, 0] = values[i, 1] + green
+        values[i, 1] = green
+        values[i, 2] += green
+
+
+@kernel
+def measure_octree(masks, log2_edge):
+    """Walk the levels of octree child masks without writing anything.
+
+    masks  : (m,) u8
+    returns: int   leaves, 0 if the masks are not exactly one tree or one of them has no child
+    errors : none; never reads outside masks
+    source : spec, "Occupancy"
+    """
+    level = 1
+    at = 0
+    for _ in range(log2_edge):
+        if at + level > masks.size:
+            return 0
+        children = 0
+        for i in range(at, at + level):
+            if masks[i] == 0:
+                return 0
+            children += CHILD_COUNT[masks[i]]
+        at += level
+        level = children
+    return level if at == masks.size else 0
+
+
+@kernel
+def fold_octree(nodes, log2_edge, masks):
+    """Write the octree's child masks, from the finest level's last node to the root, back to front.
+
+    nodes  : (n,) u32   ascending local codes; overwritten
+    masks  : (n * log2_edge,) u8   zeros; filled at its end
+    returns: int   where the masks begin
+    errors : none
+    source : spec, "Occupancy"
+    """
+    n = nodes.size
+    begin = 0
+    at = masks.size
+    for _ in range(log2_edge):
+        kept = n
+        for i in range(n - 1, begin - 1, -1):
+            code = nodes[i]
+            parent = code >> np.uint32(3)
+            if kept == n or nodes[kept] != parent:
+                kept -= 1
+                at -= 1
+                nodes[kept] = parent
+            masks[at] |= np.uint8(1) << np.uint8(code & np.uint32(7))
+        begin = kept
+    return at
+
+
+@kernel
+def unfold_octree(masks, log2_edge, nodes):
+    """Expand octree child masks into ascending local codes.
+
+    masks  : (m,) u8   checked: a tree of `count` leaves, no mask 0
+    nodes  : (2, count + 8) u32   two buffers; eight children are written where fewer count
+    returns: int   the buffer that holds the leaves
+    errors : none here; formats/columns.py check_occupancy ran
+    source : spec, "Occupancy"
+    """
+    nodes[0, 0] = 0
+    level = np.uint64(1)
+    at = ZERO
+    source = 0
+    for _ in range(log2_edge):
+        parents, children = nodes[source], nodes[1 - source]
+        end = ZERO  # unsigned, or each index costs a test for negative ones
+        for i in range(level):
+            mask = masks[at + i]
+            base = parents[i] << np.uint32(3)
+            row = CHILDREN[mask]
+            for j in range(np.uint64(8)):
+                children[end + j] = base | row[j]
+            end += np.uint64(CHILD_COUNT[mask])
+        at += level
+        level = end
+        source = 1 - source
+    return source
