@@ -19,15 +19,14 @@ from gstream.formats import stream_filters
 from gstream.formats.framing import STREAM_MAGIC, crc32
 from gstream.formats.stream_chunk import (
     COLOUR,
+    HEAD_READ,
     KNOWN,
-    MAX_PARTS,
     NORMAL,
     POSITION_F4,
     POSITION_F8,
     Attribute,
     Chunk,
     ChunkHead,
-    Part,
     decode_chunk,
     encode_chunk,
 )
@@ -52,7 +51,6 @@ MAX_ATTRIBUTES: Final = 32
 MAX_METADATA: Final = 1 << 20  # bytes of JSON
 MAX_TOTALS: Final = 16 << 20  # bytes of JSON
 MAX_CHUNKS: Final = 1 << 24
-HEAD_READ: Final = ChunkHead.LAYOUT.size + MAX_PARTS * Part.LAYOUT.size + 4
 
 HEADER: Final = Struct("<12sHHIIIHHI")  # 36 bytes: see Header
 DIRECTORY: Final = Struct("<4sIII")  # 16 bytes: magic, chunks, bytes of totals, zero

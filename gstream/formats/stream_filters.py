@@ -62,7 +62,7 @@ def first_use_planes(indices: Bits, planes: Bytes) -> None:
     highest = np.maximum.accumulate(indices.astype(np.int64))
     new[:1] = True
     new[1:] = highest[1:] > highest[:-1]
-    mark = np.cumsum(new) - new
+    mark: NDArray[np.int64] = np.cumsum(new) - new
     codes = ((mark - indices) & 0xFFFF).astype(np.uint16)
     planes[0] = codes & 0xFF
     planes[1] = codes >> 8
