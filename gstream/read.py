@@ -1,0 +1,374 @@
+"""Reading a block file: blocks by level, place or world box, from a path, memory or a range reader.
+
+    with open_block_file("bunny.gsb") as scene:
+        for block in scene.blocks(level=0):
+            draw(block.words(), block.normals())
+
+Only the bytes asked for are read, and every byte is checked before it is trusted. Layout:
+spec/blockfile.md.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream.errors import CorruptFileError, UnsupportedError, UsageError
+from gstream.formats import filters as plain
+from gstream.formats.blockhead import BlockFileHeader, Head, parse_head
+from gstream.formats.columns import ColumnSpec, decode_column
+from gstream.formats.directory import HEAD_BYTES, STATE_DATA
+from gstream.formats.filters import Filters
+from gstream.formats.framing import crc32
+from gstream.formats.lodrule import decode_normals
+from gstream.formats.morton import decode_morton, encode_morton
+from gstream.formats.pages import Directory
+
+ReadAt = Callable[[int, int], bytes]  # (offset, length) -> bytes, fewer only at the file's end
+Source = str | os.PathLike[str] | bytes | ReadAt
+Place = Sequence[int]
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+U32 = NDArray[np.uint32]
+
+CORNERS: Final = np.indices((2, 2, 2)).reshape(3, 8).T
+
+
+def open_block_file(source: Source, *, filters: Filters = plain, name: str = "") -> "BlockFile":
+    """Open a block file; use as a context manager, or close it.
+
+    source : path, the file's bytes, or a callable (offset, length) -> bytes
+    filters : formats.filters (NumPy), or kernels.filters (compiled, several times faster)
+    name : for messages, where the source is no path
+    errors : UsageError for a path that cannot be read; CorruptFileError; UnsupportedError
+    """
+    if isinstance(source, bytes):
+        data = source
+        return BlockFile(lambda at, n: data[at : at + n], name or "memory", filters, len(data))
+    if not isinstance(source, str | os.PathLike):
+        return BlockFile(source, name or "remote file", filters)
+    try:
+        descriptor = os.open(source, os.O_RDONLY)
+    except OSError as error:
+        raise UsageError(f"{source}: {error.strerror}", "give a block file") from error
+    try:
+        size = os.fstat(descriptor).st_size
+        name = name or os.fspath(source)
+        return BlockFile(_from_descriptor(descriptor), name, filters, size, descriptor)
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def _from_descriptor(descriptor: int) -> ReadAt:
+    def read_at(offset: int, length: int) -> bytes:
+        parts = []
+        while length > 0:
+            part = os.pread(descriptor, length, offset)
+            if not part:
+                break
+            parts.append(part)
+            offset, length = offset + len(part), length - len(part)
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    return read_at
+
+
+@dataclass(frozen=True, slots=True)
+class Voxels:
+    """Voxels of one level from many blocks, one row each."""
+
+    level: int
+    positions: U32  # (n, 3) voxel coordinates within the level
+    columns: Mapping[str, NDArray[Any]]  # by column name, as BlockView.column gives them
+
+
+class BlockFile:
+    """An open block file. Not for use from several threads at once."""
+
+    def __init__(
+        self,
+        read_at: ReadAt,
+        path: str,
+        filters: Filters = plain,
+        size: int | None = None,
+        descriptor: int | None = None,
+    ) -> None:
+        self.path, self.filters = path, filters
+        self._source, self._descriptor = read_at, descriptor
+        self._opening = b""
+        self.head: Head = parse_head(bytes(read_at(0, HEAD_BYTES)), path)
+        if size is not None and size != self.head.file_bytes:
+            said = f"the file has {size} bytes, not {self.head.file_bytes}: truncated"
+            raise CorruptFileError("GSB-0102", path, min(size, self.head.file_bytes), said)
+        self.specs: dict[str, ColumnSpec] = {c.name: c for c in self.head.columns}
+        self.directory = Directory(self.head, self.read_range, path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file that open_block_file opened; a second call does nothing."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+            self._source = _closed
+
+    @property
+    def header(self) -> BlockFileHeader:
+        """The settings the file was made with."""
+        return self.head.settings
+
+    @property
+    def resolution(self) -> int:
+        """Voxels per axis at level 0."""
+        return self.head.settings.resolution
+
+    @property
+    def levels(self) -> int:
+        """Number of levels; level 0 is the finest."""
+        return self.head.settings.levels
+
+    @property
+    def block_edge(self) -> int:
+        """Voxels along an edge of a block."""
+        return 1 << self.head.settings.block_log2
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the stored columns."""
+        return tuple(self.specs)
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """Units, up, crs (absent, None or a string) and the ledger."""
+        return self.head.metadata
+
+    @property
+    def content_id(self) -> str:
+        """Hash of settings and decoded content, as 32 hex digits."""
+        return self.head.content_id.hex()
+
+    def matrix(self, level: int = 0) -> NDArray[np.float64]:
+        """Voxel index of a level -> world: (3, 4); integer indices are low corners of voxels."""
+        matrix = np.array(self.head.settings.matrix).reshape(3, 4)
+        matrix[:, :3] *= 2.0**level
+        return matrix
+
+    def read_range(self, offset: int, length: int) -> bytes:
+        """Exactly `length` bytes; a shorter read means a truncated file (GSB-0102)."""
+        inside = offset - HEAD_BYTES
+        if inside >= 0 and length <= len(self._opening) - inside:
+            return self._opening[inside : inside + length]
+        data = bytes(self._source(offset, length)) if length else b""
+        if len(data) != length:
+            said = f"wanted {length} bytes and got {len(data)}: truncated"
+            raise CorruptFileError("GSB-0102", self.path, offset, said)
+        return data
+
+    def load_opening(self) -> None:
+        """Read the run that holds the coarsest levels, in one request; later reads use it."""
+        self._opening = self.read_range(HEAD_BYTES, self.head.opening_bytes)
+
+    def blocks(self, level: int) -> "Iterator[BlockView]":
+        """The blocks of one level in Morton order, without the empty ones."""
+        self._check_level(level)
+        for page in self.directory.pages_of(level):
+            entries = self.directory.page(page)
+            for entry in entries[(entries["level"] == level) & (entries["state"] == STATE_DATA)]:
+                yield BlockView(self, entry)
+
+    def block(self, level: int, place: Place) -> "BlockView | None":
+        """The block at block coordinates (x, y, z) of a level; None where there is no voxel."""
+        self._check_level(level)
+        if not all(0 <= c < 1 << 16 for c in place):
+            return None
+        entry = self.directory.find(level, int(encode_morton(np.array([place]))[0]))
+        return BlockView(self, entry) if entry is not None and entry["state"] else None
+
+    def region(
+        self,
+        low: Sequence[float],
+        high: Sequence[float],
+        level: int = 0,
+        columns: Sequence[str] = (),
+    ) -> Voxels:
+        """The voxels of a level that touch a world box.
+
+        low, high : corners of the box, world units, both inclusive
+        columns : names of the columns wanted beside the positions
+        A box that is oblique to the grid is taken as its bounding box in voxel indices.
+        errors : UnsupportedError for a column that the file does not store
+        """
+        first, last = self._index_box(low, high, level)
+        parts: list[tuple[U32, list[NDArray[Any]]]] = []
+        for block in self.blocks(level):
+            corner = block.corner
+            if (corner + block.high < first).any() or (corner + block.low > last).any():
+                continue
+            positions = block.positions()
+            inside = ((positions >= first) & (positions <= last)).all(axis=1)
+            parts.append((positions[inside], [block.column(n)[inside] for n in columns]))
+        if not parts:
+            return Voxels(level, np.empty((0, 3), np.uint32), {n: np.empty(0) for n in columns})
+        merged = {n: np.concatenate([p[1][i] for p in parts]) for i, n in enumerate(columns)}
+        return Voxels(level, np.concatenate([p[0] for p in parts]), merged)
+
+    def _index_box(
+        self, low: Sequence[float], high: Sequence[float], level: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """First and last voxel of a level, both inclusive, whose closed cubes touch a world box."""
+        matrix = self.matrix(level)
+        corners = np.where(CORNERS, np.asarray(high, float), np.asarray(low, float))
+        index = np.linalg.solve(matrix[:, :3], (corners - matrix[:, 3]).T).T
+        return np.ceil(index.min(axis=0)) - 1, np.floor(index.max(axis=0))
+
+    def _check_level(self, level: int) -> None:
+        if not 0 <= level < self.levels:
+            raise UsageError(f"{self.path}: there is no level {level}", f"0 to {self.levels - 1}")
+
+
+def _closed(offset: int, length: int) -> bytes:
+    raise UsageError("the block file is closed", "read it before closing it")
+
+
+class BlockView:
+    """One block of an open file; its columns are read and decoded when they are asked for."""
+
+    __slots__ = ("_decoded", "entry", "file")
+
+    def __init__(self, file: BlockFile, entry: Any) -> None:
+        self.file, self.entry = file, entry
+        self._decoded: dict[str, NDArray[Any]] = {}
+
+    @property
+    def level(self) -> int:
+        """0 = finest."""
+        return int(self.entry["level"])
+
+    @property
+    def key(self) -> int:
+        """Morton code of the block within its level."""
+        return int(self.entry["key"])
+
+    @property
+    def place(self) -> tuple[int, int, int]:
+        """Block coordinates (x, y, z) within the level."""
+        x, y, z = decode_morton(self.entry["key"].reshape(1))[0].tolist()
+        return x, y, z
+
+    @property
+    def corner(self) -> NDArray[np.int64]:
+        """(3,) voxel coordinates of the block's first voxel within its level."""
+        return np.array(self.place, np.int64) * self.file.block_edge
+
+    @property
+    def count(self) -> int:
+        """Number of voxels."""
+        return int(self.entry["count"])
+
+    @property
+    def low(self) -> U8:
+        """(3,) low corner of the tight bounds in the block, inclusive."""
+        return np.asarray(self.entry["low"])
+
+    @property
+    def high(self) -> U8:
+        """(3,) high corner of the tight bounds in the block, inclusive."""
+        return np.asarray(self.entry["high"])
+
+    @property
+    def children(self) -> int:
+        """Bit c set: the child block 8 * key + c of the next finer level exists."""
+        return int(self.entry["children"])
+
+    def stored(self, name: str) -> bytes:
+        """The stored bytes of one column, their CRC checked (GSB-0411)."""
+        record = self._record(name)
+        offset = int(record["offset"])
+        data = self.file.read_range(offset, int(record["stored"]))
+        if data and crc32(data) != record["crc"]:
+            said = f"column {name} of block {self.key}, level {self.level}, does not match its CRC"
+            raise CorruptFileError("GSB-0411", self.file.path, offset, said)
+        return data
+
+    def column(self, name: str) -> NDArray[Any]:
+        """One decoded column: (n,) or (n, components); occupancy as (n,) u32 Morton codes.
+
+        errors : UnsupportedError for a column that the file lacks or an unknown codec;
+                 CorruptFileError GSB-04..
+        """
+        if name not in self._decoded:
+            record = self._record(name)
+            self._decoded[name] = decode_column(
+                self.file.specs[name],
+                _Record(*(int(record[f]) for f in ("codec", "filter", "constant", "raw"))),
+                self.stored(name),
+                self.count,
+                self.file.head.settings.block_log2,
+                filters=self.file.filters,
+                path=self.file.path,
+                at=int(record["offset"]),
+            )
+        return self._decoded[name]
+
+    def _record(self, name: str) -> Any:
+        if name not in self.file.specs:
+            remedy = f"the file stores {', '.join(self.file.columns)}"
+            raise UnsupportedError(self.file.path, f"there is no column {name!r}", remedy)
+        return self.entry[name]
+
+    def positions(self) -> U32:
+        """(n, 3) u32 voxel coordinates x, y, z within the level, in Morton order."""
+        return decode_morton(self.column("occupancy")) + self.corner.astype(np.uint32)
+
+    @property
+    def mask(self) -> U8:
+        """(n,) u8 face masks, bits 0 to 5 = -x +x -y +y -z +z."""
+        return self.column("mask")
+
+    @property
+    def normal_codes(self) -> U16:
+        """(n, 2) u16 octahedral codes."""
+        return self.column("normal")
+
+    def normals(self) -> NDArray[np.float32]:
+        """(n, 3) unit vectors in grid axes; 0, 0, 0 where the voxel has no direction."""
+        bits = self.file.specs["normal"].bits if "normal" in self.file.specs else 0
+        directions = decode_normals(self.normal_codes, bits).astype(np.float64)
+        length = np.linalg.norm(directions, axis=1, keepdims=True)
+        unit: NDArray[np.float64] = directions / np.maximum(length, 1.0)
+        return unit.astype(np.float32)
+
+    @property
+    def colour(self) -> U8:
+        """(n, 4) u8 RGBA, sRGB codes, straight alpha."""
+        return self.column("colour")
+
+    @property
+    def weight(self) -> U32:
+        """(n,) u32 surface in the voxel, unit 2^-20 voxel faces of the block's level."""
+        return self.column("weight")
+
+    def words(self) -> U32:
+        """(n,) u32: x | y << 8 | z << 16 within the block, face mask in bits 24 to 29."""
+        local = decode_morton(self.column("occupancy"))
+        parts = (local[:, 0], local[:, 1], local[:, 2], self.mask.astype(np.uint32))
+        words = np.zeros(len(local), np.uint32)
+        for i, part in enumerate(parts):
+            words |= part << np.uint32(8 * i)
+        return words
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    codec: int
+    filter: int
+    constant: int
+    raw_bytes: int
