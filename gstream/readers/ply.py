@@ -7,54 +7,67 @@ import numpy as np
 
 from gstream.errors import InputError
 from gstream.readers.mesh import DiskArray, Mesh
-from gstream.readers.ply_columns import COORDINATES, Table, colours_of, find, normals_of, positions_of
-from gstream.readers.ply_header import REMEDY, Element, Header, Property, read_header
+from gstream.readers.ply_columns import COORDINATES, Table, attributes_of, colours_of, find
+from gstream.readers.ply_header import (
+    FACES,
+    INDEX_LISTS,
+    REMEDY,
+    Element,
+    Header,
+    Property,
+    read_header,
+)
+from gstream.readers.ply_spill import spill_ply
 from gstream.readers.scratch import Spill
 
-INDEX_LISTS = ("vertex_indices", "vertex_index")
-FACES = ("face", "tristrips")
 SCAN_ROWS = 1 << 18
 GLANCE_ROWS = 4096  # faces that needs_spill looks at
 
 
 def open_ply(path: Path, name: str, spill: Spill) -> Mesh:
     """The mesh of a PLY file: the vertex table and triangles mapped when the file lays them out so."""
-    header = _header(path, name)
+    header, vertex = _header(path, name)
     vertices = vertex_table(header, path)
     faces = triangle_table(header, path)
     if vertices is None or faces is None or not _only_triangles(faces, faces.element.rows):
-        raise NotImplementedError
+        return _with_edges(spill_ply(path, name, header, vertex, spill), header)
     rows = faces.element.rows
-    return Mesh(
+    positions, normals, colours = attributes_of(vertices, spill)
+    mesh = Mesh(
         name,
-        positions_of(vertices, spill),
+        positions,
         triangles_of(faces),
         rows,
-        normals=normals_of(vertices, spill),
-        colours=colours_of(vertices, spill, "colours"),
+        normals=normals,
+        colours=colours,
         triangle_colours=colours_of(faces, spill, "triangle_colours", 4),
         faces=rows,
-        skipped_faces=sum(e.rows for e in header.elements if e.name == "edge"),
     )
+    return _with_edges(mesh, header)
+
+
+def _with_edges(mesh: Mesh, header: Header) -> Mesh:
+    edges = sum(e.rows for e in header.elements if e.name == "edge")
+    return replace(mesh, skipped_faces=mesh.skipped_faces + edges)
 
 
 def needs_spill(path: Path, name: str) -> bool:
     """Whether opening the file writes scratch; looks at the header and the first faces only."""
-    header = _header(path, name)
+    header, _ = _header(path, name)
     vertices, faces = vertex_table(header, path), triangle_table(header, path)
     return vertices is None or faces is None or not _only_triangles(faces, GLANCE_ROWS)
 
 
-def _header(path: Path, name: str) -> Header:
+def _header(path: Path, name: str) -> tuple[Header, Element]:
     with open(path, "rb") as file:
         header = read_header(file, name)
-    check_elements(header, name)
+    vertex = check_elements(header, name)
     check_size(header, path.stat().st_size, name)
-    return header
+    return header, vertex
 
 
-def check_elements(header: Header, name: str) -> None:
-    """InputError when the header promises no vertices or no faces that this reader knows."""
+def check_elements(header: Header, name: str) -> Element:
+    """The vertex element; InputError when it or faces that this reader knows are missing."""
     faces = [e for e in header.elements if e.name in FACES and e.rows]
     if not faces:
         said = "has no faces (no face or tristrips element with rows)"
@@ -66,6 +79,7 @@ def check_elements(header: Header, name: str) -> None:
         if not any(p.count and p.name in INDEX_LISTS for p in element.properties):
             said = f"element {element.name} has no list vertex_indices"
             raise InputError(name, "header", said, REMEDY)
+    return vertex
 
 
 def check_size(header: Header, size: int, name: str) -> None:

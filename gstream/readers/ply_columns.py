@@ -61,22 +61,27 @@ class Table:
         parts = [self.scalar(i).map() for i in numbers]
         for first in range(0, self.element.rows, BLOCK_ROWS):
             blocks = [part[first : first + BLOCK_ROWS] for part in parts]
-            column.append(as_codes(blocks) if column.dtype == "u1" else np.stack(blocks, 1))
+            kinds = [self.element.properties[i].kind for i in numbers]
+            codes = column.dtype == "u1"
+            column.append(as_codes(blocks, kinds) if codes else np.stack(blocks, 1))
         return column.close()
 
 
-def as_codes(channels: list[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
+def as_codes(channels: list[npt.NDArray[Any]], kinds: list[str]) -> npt.NDArray[np.uint8]:
     """sRGB codes (n, 4) of 3 or 4 channels: floats are 0..1, u2 is 0..65535, the rest 0..255."""
     codes = np.full((len(channels[0]), 4), 255, np.uint8)
-    for i, channel in enumerate(channels):
-        if channel.dtype.kind == "f":
-            scaled = np.nan_to_num(channel.astype(np.float64), nan=0.0) * 255
-        elif channel.dtype.kind == "u" and channel.dtype.itemsize == 2:
-            scaled = channel.astype(np.float64) / 257
-        else:
-            scaled = channel.astype(np.float64)
+    for i, (channel, kind) in enumerate(zip(channels, kinds, strict=True)):
+        top = 1 if kind[0] == "f" else 65535 if kind == "u2" else 255
+        scaled = np.nan_to_num(channel.astype(np.float64), nan=0.0) * (255 / top)
         codes[:, i] = np.floor(np.clip(scaled, 0, 255) + 0.5)
     return codes
+
+
+def attributes_of(
+    table: Table, spill: Spill
+) -> tuple[DiskArray, DiskArray | None, DiskArray | None]:
+    """Positions, normals and colours of a vertex table, mapped where the layout allows."""
+    return positions_of(table, spill), normals_of(table, spill), colours_of(table, spill, "colours")
 
 
 def positions_of(table: Table, spill: Spill) -> DiskArray:

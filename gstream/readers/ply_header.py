@@ -15,6 +15,8 @@ TYPES = {
 }  # fmt: skip
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 REMEDY = "export the PLY file again"
+INDEX_LISTS = ("vertex_indices", "vertex_index")
+FACES = ("face", "tristrips")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,10 @@ class Header:
 
 
 def read_header(file: BinaryIO, name: str) -> Header:
-    """Parse the header at the start of `file`; InputError names the line that breaks it."""
+    """Parse the header at the start of `file`; InputError names the line that breaks it.
+
+    Lines of other words are comments, also when an exporter forgot to say so (old Blender did).
+    """
     head = file.read(MAX_HEADER)
     end = b"\r\n" if head[3:5] == b"\r\n" else head[3:4]
     if head[:3] != b"ply" or end not in (b"\r\n", b"\n", b"\r"):
@@ -79,8 +84,6 @@ def read_header(file: BinaryIO, name: str) -> Header:
         match words:
             case ["end_header"]:
                 break
-            case [] | ["comment" | "obj_info", *_]:
-                continue
             case ["format", ("ascii" | "binary_little_endian" | "binary_big_endian") as coding, _]:
                 order = ORDERS[coding]
             case ["element", element, rows] if rows.isdecimal():
@@ -89,7 +92,7 @@ def read_header(file: BinaryIO, name: str) -> Header:
                 last = elements[-1]
                 added = (*last.properties, _property(rest, name, line))
                 elements[-1] = Element(last.name, last.rows, added)
-            case _:
+            case [("format" | "element" | "property"), *_]:
                 said = f"cannot read {ascii(' '.join(words))[:60]} in the header"
                 raise InputError(name, f"line {line}", said, REMEDY)
     if order is None:

@@ -1,0 +1,81 @@
+"""A text file read in blocks: what a kernel did not use stays at the front of the next block."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+from gstream.errors import InputError
+from gstream.kernels.text import BAD_TOKEN, SLOW_TOKEN, parse_numbers
+
+BLOCK = 4 << 20  # bytes
+LONGEST = 64 << 20  # bytes that one line or facet may take
+TOKENS = 1 << 19  # numbers per batch
+
+
+class TextBlocks:
+    """A window `text[:stop]` on an open file; `use(n)` drops bytes from its front and reads on.
+
+    The last window of the file ends in a line feed, added when the file has none.
+    """
+
+    def __init__(self, file: BinaryIO, name: str, first_line: int = 1) -> None:
+        self.name, self.line = name, first_line
+        self._file = file
+        self._after_return = False
+        self.text = np.empty(BLOCK, np.uint8)
+        self.stop, self.ended = 0, False
+        self._fill()
+
+    def use(self, count: int) -> bool:
+        """Drop `count` bytes and read more; False when the last window is used up or stuck.
+
+        A window that nothing was taken from grows, up to LONGEST.
+        """
+        if self.ended and count in (0, self.stop):
+            return False
+        self.line += self._line_ends(count)
+        if count:
+            self._after_return = bool(self.text[count - 1] == 13)
+        elif self.stop == len(self.text):
+            self._grow()
+        self.text[: self.stop - count] = self.text[count : self.stop].copy()
+        self.stop -= count
+        self._fill()
+        return True
+
+    def line_of(self, at: int) -> int:
+        """The line number, from 1, of byte `at` of the window."""
+        return self.line + self._line_ends(at)
+
+    def token(self, at: int) -> str:
+        """The token at byte `at`, printable and short enough for an error."""
+        words = bytes(self.text[at : min(at + 40, self.stop)]).split()
+        return ascii(words[0].decode("latin-1")) if words else "the end of the file"
+
+    def error(self, at: int, said: str, remedy: str) -> InputError:
+        return InputError(self.name, f"line {self.line_of(at)}", said, remedy)
+
+    def _line_ends(self, count: int) -> int:
+        text = self.text[:count].tobytes()
+        joined = self._after_return and text.startswith(b"\n")
+        return text.count(b"\n") + text.count(b"\r") - text.count(b"\r\n") - joined
+
+    def _grow(self) -> None:
+        if len(self.text) >= LONGEST:
+            said = f"one line is longer than {LONGEST >> 20} MiB"
+            raise InputError(self.name, f"line {self.line}", said, "is it text? export it again")
+        self.text = np.concatenate([self.text, np.empty_like(self.text)])
+
+    def _fill(self) -> None:
+        while not self.ended and self.stop < len(self.text):
+            read = self._file.readinto(self.text[self.stop :].data)  # type: ignore[attr-defined]
+            self.ended = read == 0
+            self.stop += read
+        if self.ended and (not self.stop or self.text[self.stop - 1] not in b"\r\n"):
+            if self.stop == len(self.text):
+                self.text = np.append(self.text, np.uint8(0))
+            self.text[self.stop] = 10
+            self.stop += 1
