@@ -155,8 +155,13 @@ class BlockFile:
         """Hash of settings and decoded content, as 32 hex digits."""
         return self.head.content_id.hex()
 
-    def matrix(self, level: int = 0) -> NDArray[np.float64]:
-        """Voxel index of a level -> world: (3, 4); integer indices are low corners of voxels."""
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Voxel index of level 0 -> world: (3, 4); integer indices are low corners of voxels."""
+        return self.level_matrix(0)
+
+    def level_matrix(self, level: int) -> NDArray[np.float64]:
+        """Voxel index of a level -> world: (3, 4)."""
         matrix = np.array(self.head.settings.matrix).reshape(3, 4)
         matrix[:, :3] *= 2.0**level
         return matrix
@@ -224,7 +229,7 @@ class BlockFile:
         self, low: Sequence[float], high: Sequence[float], level: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """First and last voxel of a level, both inclusive, whose closed cubes touch a world box."""
-        matrix = self.matrix(level)
+        matrix = self.level_matrix(level)
         corners = np.where(CORNERS, np.asarray(high, float), np.asarray(low, float))
         index = np.linalg.solve(matrix[:, :3], (corners - matrix[:, 3]).T).T
         return np.ceil(index.min(axis=0)) - 1, np.floor(index.max(axis=0))
