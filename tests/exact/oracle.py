@@ -1,22 +1,24 @@
 """The voxels of a snapped triangle, in Python integers: slow, obvious, and independent of gstream.
 
-Imports nothing of gstream and shares no idea with its kernels: no separating axis decides anything
-here. A triangle is a convex polygon that is cut by half-spaces; a target is met if something is left.
+Imports nothing of gstream and shares no idea with its kernels: no separating axis decides
+anything here. A triangle is a convex polygon that is cut by half-spaces; a target is met if
+something is left.
 
 A point is four integers (x, y, z, w), w > 0, standing for (x/w, y/w, z/w) voxels. Cutting an edge
 multiplies and adds such points, so nothing is ever rounded.
 
-One-sided ties: the triangle is really moved by d = (2^-128, 2^-256, 2^-384) voxel. That is below any
-gap. By the separating-axis theorem the moved triangle meets a closed target iff every one of finitely
-many inequalities c + a.d >= 0 holds; in units of 2^-(k+1) voxel, k <= 12, c is an integer and a is an
-integer vector made of products of at most three differences of coordinates below 2^30, so that its
-components are below 2^95. As d is below 2^-115 of these units, |a.d| < 1: a non-zero c decides alone.
-When c = 0 the first non-zero component of a decides, for each component of d is 2^128 times the next.
-So any d' = (e1 >> e2 >> e3 > 0) that is small enough gives the same set.
+One-sided ties: the triangle is really moved by d = (2^-128, 2^-256, 2^-384) voxel. That is below
+any gap. By the separating-axis theorem the moved triangle meets a closed target iff every one of
+finitely many inequalities c + a.d >= 0 holds; in units of 2^-(k+1) voxel, k <= 12, c is an integer
+and a is an integer vector made of products of at most three differences of coordinates below 2^30,
+so that its components are below 2^95. As d is below 2^-114 of these units, |a.d| < 1: a non-zero c
+decides alone. When c = 0 the first non-zero component of a decides, for each component of d is
+2^128 times the next. So any d' = (e1 >> e2 >> e3 > 0) that is small enough gives the same set.
 """
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
+from itertools import pairwise
 from math import gcd, isqrt
 
 Vector = tuple[int, int, int]
@@ -52,7 +54,7 @@ def reduced(x: int, y: int, z: int, w: int) -> Point:
 
 
 def clipped(polygon: Polygon, normal: Vector, offset: int) -> Polygon:
-    """The part of a convex polygon where normal . p >= offset; points and segments are polygons too."""
+    """The part of a convex polygon (or segment, or point) where normal . p >= offset."""
     a, b, c = normal
     heights = [
         a * x + b * y + c * z - offset * w for x, y, z, w in polygon
@@ -96,7 +98,7 @@ def pieces(polygon: Polygon, low: Vector, edge: int) -> Iterator[tuple[Vector, P
 
 
 def _halved(polygon: Polygon, low: Vector, size: Vector) -> Iterator[tuple[Vector, Polygon]]:
-    """A closed box is the union of its closed halves, so only the halves that are met are looked into."""
+    """A closed box is the union of its closed halves: a half that is not met is left out."""
     if not polygon:
         return
     axis = size.index(max(size))
@@ -118,7 +120,7 @@ def _with(vector: Vector, axis: int, value: int) -> Vector:
 
 
 def meets_centre_segments(piece: Polygon, voxel: Vector) -> bool:
-    """Target of mode 6: the closed segments through the voxel's centre, face centre to face centre."""
+    """Target of mode 6: the closed segments through the centre, face centre to face centre."""
     for one, other in ((1, 2), (2, 0), (0, 1)):
         plane = on_plane(piece, _with((0, 0, 0), one, 2), 2 * voxel[one] + 1)
         if on_plane(plane, _with((0, 0, 0), other, 2), 2 * voxel[other] + 1):
@@ -152,8 +154,11 @@ def voxels_of(
 
 
 def half_open_voxels(triangle: Triangle, snap_bits: int, low: Vector, edge: int) -> set[Vector]:
-    """{floor(p): p in the triangle}. A part of a voxel that lies in no single upper face of it has a
-    relative interior point below all three upper faces: the mean of its corners."""
+    """{floor(p): p in the triangle}.
+
+    A piece that lies in no single upper face of its voxel has a point below all three: the mean of
+    its corners.
+    """
     found = set()
     for voxel, piece in pieces(polygon_of(triangle, snap_bits, "closed"), low, edge):
         if all(any(p[axis] < (voxel[axis] + 1) * p[3] for p in piece) for axis in range(3)):
@@ -206,7 +211,7 @@ def projected_area(polygon: Polygon, axis: int) -> Fraction:
 def area_in_units(
     triangle: Triangle, snap_bits: int, fraction: Fraction, unit: int = UNIT_AREA
 ) -> Fraction:
-    """fraction x area of the triangle in units of 1/unit square voxel, below the truth by < 2^-60."""
+    """fraction x area of the triangle in units of 1/unit square voxel, low by less than 2^-60."""
     squared = sum(c * c for c in normal_of(triangle))  # (2 A)^2, units 2^-4k
     root = Fraction(isqrt(squared << 240), 1 << 120)
     return fraction * root * unit / (2 * 4**snap_bits)
@@ -217,7 +222,7 @@ def moment(polygon: Polygon, axis: int, coordinate: int) -> Fraction:
     u, v = (axis + 1) % 3, (axis + 2) % 3
     points = [tuple(Fraction(c, p[3]) for c in p[:3]) for p in polygon]
     total = Fraction(0)
-    for q, r in zip(points[1:], points[2:], strict=False):
+    for q, r in pairwise(points[1:]):
         p = points[0]
         cross = (q[u] - p[u]) * (r[v] - p[v]) - (q[v] - p[v]) * (r[u] - p[u])
         total += cross * (p[coordinate] + q[coordinate] + r[coordinate]) / 3
@@ -227,7 +232,7 @@ def moment(polygon: Polygon, axis: int, coordinate: int) -> Fraction:
 def centroids(
     triangle: Triangle, snap_bits: int, low: Vector, edge: int
 ) -> dict[Vector, list[Fraction]]:
-    """Centroid, in voxels, of the triangle's part in each closed voxel where that part has an area."""
+    """Centroid, in voxels, of the triangle's part in each closed voxel, where it has an area."""
     normal = normal_of(triangle)
     axis = next(axis for axis in range(3) if normal[axis])
     found = {}

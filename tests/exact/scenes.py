@@ -1,6 +1,7 @@
-"""Triangles that are hard for a voxelizer, as snapped integers: soups, scene-spanning ones, closed meshes.
+"""Triangles that are hard for a voxelizer: soups, scene-spanning ones, closed meshes.
 
-Every array is int64 (n, 3, 3): triangle, vertex, (x, y, z), in units of 2^-snap_bits voxel. Seeded.
+Every array is int64 (n, 3, 3): triangle, vertex, (x, y, z), in units of 2^-snap_bits voxel.
+Everything is seeded.
 """
 
 from collections.abc import Callable
@@ -119,7 +120,7 @@ def _needle(random: Random, unit: int, edge: int) -> list[Vertex]:
 
 
 def _degenerate(random: Random, unit: int, edge: int) -> list[Vertex]:
-    """A segment or a point: collinear vertices or equal ones, on the lattice, half-lattice or not."""
+    """A segment or a point: collinear or equal vertices, on the lattice, half-lattice or not."""
     step = random.choice([unit, unit // 2, 1])
     a, b = ([_near(random, unit, edge, step) for _ in range(3)] for _ in range(2))
     for axis in random.sample(range(3), random.choice([0, 0, 1, 2])):
@@ -244,7 +245,7 @@ def turned_box(centre: Vector, reach: int, height: int) -> Triangles:
 
 
 def hull_of_cube(corners: list[Vertex]) -> Triangles:
-    """Triangles of a hexahedron whose corner i has bit 0 = high x, bit 1 = high y, bit 2 = high z."""
+    """Triangles of a hexahedron; bits 0, 1, 2 of a corner's number say high x, high y, high z."""
     quads = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
     triangles = [[a, b, c] for a, b, c, d in quads] + [[a, c, d] for a, b, c, d in quads]
     return np.array([[corners[i] for i in face] for face in triangles], np.int64)
@@ -270,7 +271,7 @@ def tetrahedron(random: Random, size: int, step: int) -> Triangles:
 
 
 def subdivided(triangles: Triangles, times: int) -> Triangles:
-    """Each triangle as 4^times, by edge midpoints; coordinate differences must be multiples of 2^times."""
+    """Each triangle as 4^times, by edge midpoints; coordinates must be multiples of 2^times."""
     for _ in range(times):
         a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
         if np.any((a + b) & 1) or np.any((b + c) & 1) or np.any((c + a) & 1):

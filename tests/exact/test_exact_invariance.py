@@ -1,11 +1,10 @@
-"""What must not change a bit: order, corner rotation, winding, whole voxels, boxes, exact subdivision."""
+"""What must not change a bit: order, first corner, winding, whole voxels, boxes, subdivision."""
 
 from random import Random
 
 import numpy as np
-import oracle
 import pytest
-import scenes
+from exact import oracle, scenes
 
 from gstream.kernels.voxelize import Voxels, voxelize_triangles
 
@@ -111,7 +110,7 @@ def test_a_triangle_and_its_64_exact_parts_meet_the_same_voxels(sep, ties):
 @each_mode
 @pytest.mark.parametrize("slopes", [(0, 0), (1, 0), (1, -1), (-1, -1), (2, 1)])
 def test_a_fan_around_a_lattice_corner_is_the_plain_polygon(sep, ties, slopes):
-    """H-VX-8: a square in the plane z = a x + b y, as two triangles and as 100 around a lattice point."""
+    """H-VX-8: a square in z = a x + b y, as two triangles and as 100 around a lattice point."""
     unit, reach = 1 << SNAP_BITS, 4 << SNAP_BITS
 
     def lifted(points):

@@ -8,9 +8,8 @@ from itertools import product
 from random import Random
 
 import numpy as np
-import oracle
 import pytest
-import scenes
+from exact import oracle, scenes
 from numpy.typing import NDArray
 
 from gstream.kernels.voxelize import voxelize_triangles
@@ -41,7 +40,7 @@ def convex_meshes():
 
 
 def inside(mesh: NDArray[np.int64], ties: str) -> NDArray[np.bool_]:
-    """[x, y, z]: whether the voxel's centre is inside all the planes of a convex mesh, moved by d."""
+    """[x, y, z]: whether the voxel's centre is inside all planes of a convex mesh, moved by d."""
     axis = 2 * np.arange(EDGE) * HALF + HALF
     x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
     result = np.ones((EDGE,) * 3, bool)
@@ -125,7 +124,7 @@ def closed_meshes():
 
 
 def test_the_areas_of_a_closed_mesh_add_up_and_its_area_vectors_cancel():
-    """One-sided ties give each point of the surface to one voxel; a fragment rounds by a unit at most."""
+    """One-sided ties give a point of the surface to one voxel; a fragment rounds by one unit."""
     for mesh in closed_meshes():
         voxels = voxelize_triangles(mesh, SNAP_BITS, (0, 0, 0), EDGE, "conservative", "one-sided")
         whole = sum(float(oracle.area_in_units(t, SNAP_BITS, 1)) for t in mesh)

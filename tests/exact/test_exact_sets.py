@@ -1,11 +1,10 @@
-"""Each hard triangle alone in a box: the kernel's voxels, targets, areas and masks are the oracle's."""
+"""Each hard triangle alone in a box: voxels, targets, areas and masks are the oracle's."""
 
 from functools import cache
 
 import numpy as np
-import oracle
 import pytest
-import scenes
+from exact import oracle, scenes
 
 from gstream.kernels.voxelize import Voxels, voxelize_triangles
 

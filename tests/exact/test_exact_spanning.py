@@ -6,9 +6,8 @@ Covers the budget's ends: 16384^3 with 12 snap bits and 65536^3 with 10, coordin
 from random import Random
 
 import numpy as np
-import oracle
 import pytest
-import scenes
+from exact import oracle, scenes
 
 from gstream.kernels.voxelize import voxelize_triangles
 
@@ -17,7 +16,7 @@ BOX_EDGE, WINDOW_EDGE = 256, 8
 
 
 def windows(kind: str, resolution: int, snap_bits: int, count: int = 2):
-    """Triangle, low corner of a 256^3 box, low corner of a window of 8^3 around a spot it passes."""
+    """Triangle, low corner of a 256^3 box, low corner of an 8^3 window around a spot on it."""
     random = Random(f"{kind} {resolution}")
     for triangle in scenes.spanning(kind, 4, count, resolution, snap_bits):
         for spot in scenes.places_on(triangle, random, snap_bits):

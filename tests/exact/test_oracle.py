@@ -1,13 +1,12 @@
-"""The oracle against analytic cases, an integer separating-axis test, and the theorems of the modes."""
+"""The oracle against analytic cases, integer separating axes, and the theorems of the modes."""
 
 from fractions import Fraction
 from itertools import product
 from math import gcd
 from random import Random
 
-import oracle
 import pytest
-import scenes
+from exact import oracle, scenes
 
 BOX = ((3, -5, 7), 8)
 Vector = tuple[int, int, int]
