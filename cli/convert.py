@@ -10,9 +10,10 @@ from gstream.job import IngestSettings, VoxelizeSettings
 from gstream.run import commands
 from gstream.run.commands import Request
 from gstream.run.publish import publish
-from gstream_cli import options
-from gstream_cli.progress import watch
-from gstream_cli.report import full_report, table
+
+from . import options
+from .progress import watch
+from .report import full_report, table
 
 
 @click.command()

@@ -1,0 +1,142 @@
+"""Commands that look at a file: info, check, preview."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import click
+
+from gstream.errors import CorruptFileError
+from gstream.run.commands import RunOptions, check_paths
+
+from . import options
+from .facts import facts, kind_of
+from .progress import watch
+
+file_argument = click.argument("path", metavar="FILE")
+
+
+@click.command()
+@file_argument
+@options.as_json
+def info(path: str, as_json: bool) -> None:
+    """Say what a block file or geometry stream holds; reads its head and directories alone.
+
+    \b
+    gstream info scan.gsb
+    gstream info scan.gst --json
+    """
+    held = facts(path)
+    if as_json:
+        click.echo(json.dumps(held, indent=1, allow_nan=False))
+        return
+    for name, value in _lines(held):
+        click.echo(f"{name:<16} {value}".rstrip())
+
+
+@click.command()
+@file_argument
+@click.option("--quick", is_flag=True, help="Structure and indexes alone; decode no payload.")
+@options.as_json
+@options.quiet
+def check(path: str, quick: bool, as_json: bool, quiet: bool) -> int:
+    """Check a block file or geometry stream against the spec; exits with 4 if it breaks a rule.
+
+    \b
+    gstream check scan.gsb
+    gstream check scan.gsb --quick --json
+    """
+    from gstream.check import check_file
+
+    kind_of(path)
+    with watch(quiet or as_json) as progress:
+        report = check_file(path, quick, progress)
+    if as_json:
+        click.echo(json.dumps(report.as_dict(), indent=1))
+    else:
+        for finding in report.findings:
+            click.echo(str(finding))
+        for line in report.summary():
+            click.echo(line)
+    return CorruptFileError.exit_code if report.findings else 0
+
+
+@click.command()
+@click.argument("path", metavar="FILE.gsb")
+@click.option("-o", "--output", required=True, metavar="PICTURE.png", help="The picture to write.")
+@click.option(
+    "--size",
+    type=options.Picture(),
+    default="1280x720",
+    show_default=True,
+    metavar="WxH",
+    help="Width and height in pixels.",
+)
+@click.option(
+    "--view",
+    default="three-quarter",
+    show_default=True,
+    help="three-quarter, front, right, back, left, top, bottom, or AZIMUTH,ELEVATION in degrees.",
+)
+@click.option("--level", type=click.IntRange(min=0), help="Level to draw.  [default: as it fits]")
+@click.option("--force", is_flag=True, help="Replace the picture if it exists.")
+@options.quiet
+def preview(
+    path: str,
+    output: str,
+    size: tuple[int, int],
+    view: str,
+    level: int | None,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Draw a block file, from the level whose voxels match the pixels.
+
+    \b
+    gstream preview scan.gsb -o scan.png
+    gstream preview scan.gsb -o top.png --view top --size 1920x1080
+    """
+    from gstream.preview import render
+
+    check_paths((path,), output, RunOptions(force=force))
+    drawn = render(path, output, size, view, level)
+    if not quiet:
+        click.echo(
+            f"{output}: {drawn.width}x{drawn.height}, level {drawn.level}, "
+            f"{drawn.blocks_read} of {drawn.blocks} blocks, {drawn.voxels:,} voxels"
+        )
+
+
+def _lines(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Name and value of each line, nested values spelt out."""
+    for name, value in held.items():
+        label = name.replace("_", " ")
+        if name == "levels":
+            for level in value:
+                counts = f"{level['voxels']:,} voxels in {level['blocks']:,} blocks"
+                yield f"level {level['level']}", f"{counts} of {level['block_edge']}^3"
+        elif name == "columns":
+            yield label, ", ".join(f"{c['name']} {c['components']}x{c['bits']}" for c in value)
+        elif name == "sources":
+            for source in value:
+                yield "source", _pairs(source)
+        elif isinstance(value, dict):
+            yield label, _pairs(value)
+        elif isinstance(value, list):
+            yield label, " ".join(map(_text, value))
+        else:
+            yield label, _text(value)
+
+
+def _pairs(value: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {_text(item)}" for name, item in value.items())
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return json.dumps(value)
+    if isinstance(value, int):
+        return f"{value:,}"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else json.dumps(value)
