@@ -6,7 +6,7 @@ import stat
 from pathlib import Path
 
 from gstream.errors import InputError, UsageError
-from gstream.readers import ply, stl
+from gstream.readers import off, ply, stl, stl_text
 from gstream.readers.mesh import Mesh
 from gstream.readers.scratch import Spill
 
@@ -29,6 +29,10 @@ def open_mesh(path: Path, spill: Spill) -> Mesh:
             mesh = ply.open_ply(path, name, spill)
         case "stl binary":
             mesh = stl.open_binary(path, name)
+        case "stl ascii":
+            mesh = stl_text.open_text(path, name, spill)
+        case "off":
+            mesh = off.open_off(path, name, spill)
         case _:
             raise NotImplementedError
     if mesh.triangle_count == 0:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from gstream.readers.mesh import DiskArray
 
+FILL_ROWS = 1 << 18
 Spill = Callable[[str], Path]  # a name, unique in one input -> the path of its scratch file
 
 
@@ -38,3 +39,36 @@ class Column:
         return DiskArray(
             str(self.path), 0, self.dtype.str, (self.rows, self.width), strides
         )
+
+
+class LateColumn:
+    """A column that is only written once something other than `default` is known for a row."""
+
+    def __init__(self, path: Path, dtype: str, default: tuple[float, ...]) -> None:
+        self._path, self._dtype = path, dtype
+        self._default = np.array(default, dtype)
+        self._pending = 0
+        self._column: Column | None = None
+
+    def pass_over(self, rows: int) -> None:
+        """Append `rows` rows of the default."""
+        self._pending += rows
+        if self._column is not None:
+            self._flush(self._column)
+
+    def started(self) -> Column:
+        """The column, for appending rows that differ."""
+        if self._column is None:
+            self._column = Column(self._path, self._dtype, len(self._default))
+            self._flush(self._column)
+        return self._column
+
+    def close(self) -> DiskArray | None:
+        """The array; None when every row is the default."""
+        return self._column.close() if self._column is not None else None
+
+    def _flush(self, column: Column) -> None:
+        while self._pending:
+            rows = min(self._pending, FILL_ROWS)
+            column.append(np.broadcast_to(self._default, (rows, len(self._default))))
+            self._pending -= rows

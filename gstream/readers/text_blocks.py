@@ -1,18 +1,14 @@
 """A text file read in blocks: what a kernel did not use stays at the front of the next block."""
 
-from dataclasses import dataclass, field
-from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
 from gstream.errors import InputError
-from gstream.kernels.text import BAD_TOKEN, SLOW_TOKEN, parse_numbers
 
 BLOCK = 4 << 20  # bytes
 LONGEST = 64 << 20  # bytes that one line or facet may take
-TOKENS = 1 << 19  # numbers per batch
 
 
 class TextBlocks:
@@ -57,6 +53,13 @@ class TextBlocks:
 
     def error(self, at: int, said: str, remedy: str) -> InputError:
         return InputError(self.name, f"line {self.line_of(at)}", said, remedy)
+
+    def round_slow(
+        self, values: npt.NDArray[np.float64], slow: npt.NDArray[np.int64]
+    ) -> None:
+        """Let Python round what a kernel left: rows of place in `values`, first and end in `text`."""
+        for place, first, end in slow:
+            values[place] = float(self.text[first:end].tobytes())
 
     def _line_ends(self, count: int) -> int:
         text = self.text[:count].tobytes()
