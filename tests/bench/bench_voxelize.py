@@ -1,9 +1,9 @@
-"""The headline: our voxels per CPU second beside Open3D's `VoxelGrid.create_from_triangle_mesh`, in one run.
+"""Our voxels per CPU second beside those of Open3D's `create_from_triangle_mesh`, in one run.
 
-Open3D is timed over its call alone, positions only (mesh in memory, nothing written). Ours is the CPU of
-the whole process tree from the geometry stream to the finished block file, with normals and all levels.
-`python -m tests.bench.bench_voxelize --triangles 10_000_000 --resolution 2048 --open3d-python PATH`.
-This file imports only the standard library at the top, so that Open3D's own interpreter can run it.
+Open3D is timed over its call alone, positions only (mesh in memory, nothing written). Ours is the
+CPU of the whole process tree from the geometry stream to the finished block file, with normals and
+all levels. Open3D is optional; it may live in an environment of its own (--open3d-python), which is
+why this file imports only the standard library at the top.
 """
 
 import argparse
@@ -19,7 +19,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-TREE_MARGIN = 1 + 2.0**-10  # voxel size = largest extent * (1 + 2^-10) / N, as gstream places its grid
+TREE_MARGIN = (
+    1 + 2.0**-10
+)  # voxel size = largest extent * (1 + 2^-10) / N, as gstream places its grid
 SAMPLE_SECONDS = 0.1
 
 
@@ -30,7 +32,9 @@ def open3d_call(mesh: Path, resolution: int) -> dict[str, Any]:
     triangles = open3d.io.read_triangle_mesh(str(mesh))
     size = triangles.get_max_bound() - triangles.get_min_bound()
     before, wall = time.process_time(), time.perf_counter()
-    grid = open3d.geometry.VoxelGrid.create_from_triangle_mesh(triangles, max(size) * TREE_MARGIN / resolution)
+    grid = open3d.geometry.VoxelGrid.create_from_triangle_mesh(
+        triangles, max(size) * TREE_MARGIN / resolution
+    )
     cpu, wall = time.process_time() - before, time.perf_counter() - wall
     # get_voxels() would make a Python object of each voxel; the repr counts them
     voxels = int(re.search(r"with (\d+) voxels", repr(grid)).group(1))  # type: ignore[union-attr]
@@ -57,7 +61,7 @@ def open3d_figures(python: str, mesh: Path, resolution: int) -> dict[str, Any]:
 
 
 def run_gstream(*arguments: str, env: dict[str, str] | None = None) -> tuple[float, float, float]:
-    """Run one gstream command; CPU s of its whole tree (all waited-for children), wall s, peak MB."""
+    """Run one gstream command: CPU s of its whole process tree, wall s, peak MB."""
     from tests.bench.bench_memory import watch
 
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -80,7 +84,14 @@ def our_figures(args: argparse.Namespace, mesh: Path, folder: Path) -> dict[str,
     small, settings = folder / "small.ply", ["--sep", args.sep, "--workers", str(args.workers)]
     write_sphere(small, 20_000)
     run_gstream("ingest", str(small), "-o", str(folder / "small.gst"), "--force")
-    warming = ["voxelize", str(folder / "small.gst"), "-o", str(folder / "small.gsb"), "--resolution", "256"]
+    warming = [
+        "voxelize",
+        str(folder / "small.gst"),
+        "-o",
+        str(folder / "small.gsb"),
+        "--resolution",
+        "256",
+    ]
     cold, _, _ = run_gstream(*warming, *settings, "--force")
     warm, _, _ = run_gstream(*warming, *settings, "--force")
     ingest_cpu, ingest_wall, _ = run_gstream(
@@ -122,7 +133,7 @@ def level_zero_voxels(path: Path) -> int:
 
 
 def stage_seconds(report: dict[str, Any]) -> dict[str, float]:
-    """Seconds of each stage by name, from a report whose `stages` is a list of records or a mapping."""
+    """Seconds of each stage by name, from the report's `stages`: records, or a mapping."""
     stages = report.get("stages", [])
     if isinstance(stages, dict):
         pairs = list(stages.items())
@@ -141,7 +152,8 @@ def machine() -> str:
         text = Path("/proc/cpuinfo").read_text()
         model = re.search(r"model name\s*: (.*)", text)
         clock = re.search(r"cpu MHz\s*: (.*)", text)
-        name = f"{model[1] if model else platform.processor()}, {float(clock[1]) / 1000 if clock else 0:.2f} GHz"
+        name = model[1] if model else platform.processor()
+        name += f", {float(clock[1]) / 1000:.2f} GHz" if clock else ""
     except OSError:
         name = platform.processor() or platform.machine()
     load = os.getloadavg()[0]
@@ -149,7 +161,17 @@ def machine() -> str:
 
 
 def table(triangles: int, rows: list[dict[str, Any]]) -> str:
-    head = ["", "voxels", "CPU s", "wall s", "Mtri/CPU s", "Mvox/CPU s", "Mvox/s", "peak MB", "bytes/voxel"]
+    head = [
+        "",
+        "voxels",
+        "CPU s",
+        "wall s",
+        "Mtri/CPU s",
+        "Mvox/CPU s",
+        "Mvox/s",
+        "peak MB",
+        "bytes/voxel",
+    ]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for row in rows:
         if "error" in row:
@@ -182,8 +204,12 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--memory", default="2GiB")
     parser.add_argument("--sep", default="conservative")
-    parser.add_argument("--mesh", type=Path, help="measure this mesh instead of the generated sphere")
-    parser.add_argument("--open3d-python", default=sys.executable, help="interpreter that has open3d")
+    parser.add_argument(
+        "--mesh", type=Path, help="measure this mesh instead of the generated sphere"
+    )
+    parser.add_argument(
+        "--open3d-python", default=sys.executable, help="interpreter that has open3d"
+    )
     parser.add_argument("--no-open3d", action="store_true")
     parser.add_argument("--only-open3d", action="store_true")
     parser.add_argument("--folder", type=Path, help="keep meshes and results here")
@@ -206,7 +232,12 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
         rows.append(our_figures(args, mesh, folder))
     if not args.no_open3d:
         rows.append(open3d_figures(args.open3d_python, mesh, args.resolution))
-    return {"machine": machine(), "triangles": triangles, "resolution": args.resolution, "rows": rows}
+    return {
+        "machine": machine(),
+        "triangles": triangles,
+        "resolution": args.resolution,
+        "rows": rows,
+    }
 
 
 def main() -> None:
@@ -219,7 +250,9 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         result = measure(args, folder)
     rows = result["rows"]
-    print(f"{result['machine']}\n{result['triangles']:,} triangles at {args.resolution}^3, --sep {args.sep}\n")
+    print(
+        f"{result['machine']}\n{result['triangles']:,} triangles at {args.resolution}^3, --sep {args.sep}\n"
+    )
     print(table(result["triangles"], rows))
     for row in rows:
         if row["what"] == "gstream":

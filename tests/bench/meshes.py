@@ -1,4 +1,4 @@
-"""Meshes for the benchmarks, written as binary PLY piece by piece: a rough sphere, and one huge triangle.
+"""Meshes for the benchmarks, written as binary PLY piece by piece: rough sphere, huge triangle.
 
 `python -m tests.bench.meshes sphere --triangles 10_000_000 -o x.ply`. Same arguments, same bytes.
 """
@@ -88,7 +88,8 @@ class Sphere:
             column = np.arange(owned) + (1 if i > m // 2 else 0)
             columns.append(column)
             rows.append(np.full(owned, i))
-        direction = _unfold(np.concatenate(rows) * (2 / m) - 1, np.concatenate(columns) * (2 / m) - 1)
+        u, v = np.concatenate(rows), np.concatenate(columns)
+        direction = _unfold(u * (2 / m) - 1, v * (2 / m) - 1)
         edge = (4 * np.pi / self.m**2) ** 0.5
         jitter = np.random.default_rng([self.seed, 1, first]).uniform(-1, 1, direction.shape)
         moved = direction + jitter * (ROUGHNESS * edge)
@@ -102,7 +103,7 @@ class Sphere:
         return total
 
     def faces(self, first: int, stop: int) -> NDArray[np.int32]:
-        """Triangles of quad rows first..stop in patches of TILE columns, (n, 3) int32, facing outward."""
+        """Triangles of quad rows first..stop, patch by patch, (n, 3) int32, facing outward."""
         ids = np.stack([self.row_ids(i) for i in range(first, stop + 1)])
         a, b, c, d = ids[:-1, :-1], ids[:-1, 1:], ids[1:, :-1], ids[1:, 1:]
         falling = self._diagonals(first, stop)
@@ -113,11 +114,11 @@ class Sphere:
         return np.concatenate(patches).astype(np.int32)
 
     def _diagonals(self, first: int, stop: int) -> NDArray[np.bool_]:
-        """True where a quad is cut from its first corner to the opposite one; random but for the border."""
+        """True where a quad is cut from its first corner; random but for the border."""
         m = self.m
         falling = np.random.default_rng([self.seed, 2, first]).random((stop - first, m)) < 0.5
         i, j = np.arange(first, stop)[:, None], np.arange(m)[None, :]
-        # the two quads at the middle of a side share three corners: only the fold's own diagonal fits both
+        # two quads at the middle of a side share three corners: only the fold's diagonal fits both
         border = (i == 0) | (j == 0) | (i == m - 1) | (j == m - 1)
         return np.where(border, (i < m // 2) != (j < m // 2), falling)
 
