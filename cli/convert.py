@@ -23,7 +23,9 @@ from .report import full_report, table
 @options.lz4
 @options.running
 def ingest(inputs: tuple[str, ...], output: str, **values: Any) -> None:
-    """Read meshes (PLY, STL, OBJ, OFF, each also .gz) into one geometry stream.
+    """Read meshes into one geometry stream.
+
+    Reads PLY, STL, OBJ and OFF, each also as .gz; several inputs make one scene.
 
     \b
     gstream ingest scan.ply -o scan.gst
@@ -39,7 +41,9 @@ def ingest(inputs: tuple[str, ...], output: str, **values: Any) -> None:
 @options.lz4
 @options.running
 def voxelize(stream: str, output: str, **values: Any) -> None:
-    """Voxelize a geometry stream into a block file with all its levels of detail.
+    """Voxelize a geometry stream into a block file.
+
+    All levels of detail are built, down to a single block.
 
     \b
     gstream voxelize scene.gst -o scene.gsb --resolution 4096
@@ -73,7 +77,9 @@ def build(inputs: tuple[str, ...], output: str, **values: Any) -> None:
 @options.output
 @options.running
 def simplify(blockfile: str, output: str, **values: Any) -> None:
-    """Build the coarser levels of a block file from its level 0.
+    """Rebuild the coarser levels of a block file.
+
+    Needs level 0 alone; uses its weights where they are stored.
 
     \b
     gstream simplify fine.gsb -o scene.gsb

@@ -20,7 +20,9 @@ file_argument = click.argument("path", metavar="FILE")
 @file_argument
 @options.as_json
 def info(path: str, as_json: bool) -> None:
-    """Say what a block file or geometry stream holds; reads its head and directories alone.
+    """Say what a file holds.
+
+    Reads head and directories alone, of a block file or a geometry stream.
 
     \b
     gstream info scan.gsb
@@ -40,7 +42,9 @@ def info(path: str, as_json: bool) -> None:
 @options.as_json
 @options.quiet
 def check(path: str, quick: bool, as_json: bool, quiet: bool) -> int:
-    """Check a block file or geometry stream against the spec; exits with 4 if it breaks a rule.
+    """Check a file against the spec.
+
+    Prints every broken rule of a block file or geometry stream, and then exits with 4.
 
     \b
     gstream check scan.gsb
@@ -90,7 +94,9 @@ def preview(
     force: bool,
     quiet: bool,
 ) -> None:
-    """Draw a block file, from the level whose voxels match the pixels.
+    """Draw a block file.
+
+    Takes the level whose voxels match the pixels, and reads only the blocks it needs.
 
     \b
     gstream preview scan.gsb -o scan.png

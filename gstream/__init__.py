@@ -49,7 +49,7 @@ def build(
 
     paths = [inputs] if isinstance(inputs, str | os.PathLike) else list(inputs)
     request = commands.build(
-        IngestSettings(inputs=tuple(map(os.fspath, paths)), **dict(ingest or {})),
+        IngestSettings(inputs=tuple(os.fspath(path) for path in paths), **dict(ingest or {})),
         VoxelizeSettings(**voxelize),
         os.fspath(output),
         commands.RunOptions(workers=workers, memory=memory, tmp=tmp, force=force),

@@ -1,0 +1,50 @@
+# Everything runs in .venv, which these targets make themselves: nothing else needs to be installed
+# but Python 3.11 or later, make, and a way to a package index.
+
+PYTHON ?= python3
+HYPOTHESIS_PROFILE ?= ci
+BIN := .venv/bin
+READY := .venv/.ready
+
+export HYPOTHESIS_PROFILE
+
+.PHONY: demo test bounds lint bench clean
+.DEFAULT_GOAL := demo
+
+demo: $(READY)
+	mkdir -p demo
+	$(BIN)/gstream build examples/skull.ply -o demo/skull.gsb --resolution 512 --up z --force \
+		--report demo/report.json
+	$(BIN)/gstream check demo/skull.gsb
+	$(BIN)/gstream info demo/skull.gsb
+	$(BIN)/gstream preview demo/skull.gsb -o demo/skull.png --force
+
+test: $(READY)
+	$(BIN)/python -m pytest
+
+# Index checks in every kernel; slow, as all kernels are compiled anew (tests/conftest.py says why).
+bounds: $(READY)
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest tests/unit
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict gstream cli
+	$(BIN)/lint-imports
+
+bench: $(READY)
+	$(BIN)/python -m tests.bench.bench_voxelize
+
+clean:
+	rm -rf .venv build demo *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache
+	rm -rf .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(READY): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "Python 3.11 or later is needed: make PYTHON=/path/to/python3.11"; exit 1; }
+	$(PYTHON) -m venv --clear .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
+		--no-build-isolation -e .
+	touch $@
