@@ -14,6 +14,7 @@ COORDINATE_BITS = 26  # L + k: normals stay within 2^52, plane values of a 256^3
 MIN_SNAP_BITS = 6
 
 Point = tuple[float, float, float]
+Box = tuple[Point, Point]  # low and high corner
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,19 @@ class Grid:
         return 1 + (blocks - 1).bit_length()
 
 
-def grid_of_resolution(low: Point, high: Point, resolution: int, scene: tuple[Point, Point]) -> Grid:
+def grid_of(
+    resolution: int | None, voxel_size: float | None, box: Box, bounds: Box | None = None
+) -> Grid:
+    """The grid of a scene with the given box, or of its part inside `bounds` where those are given."""
+    low, high = bounds or box
+    if resolution is not None:
+        return grid_of_resolution(low, high, resolution, box)
+    if voxel_size is not None:
+        return grid_of_voxel_size(low, high, voxel_size, box)
+    raise UsageError("neither a resolution nor a voxel size is given", "give one of the two")
+
+
+def grid_of_resolution(low: Point, high: Point, resolution: int, scene: Box) -> Grid:
     """The cube of resolution^3 voxels centred on the box low..high, 2^-10 wider than its largest extent.
 
     scene: the box of everything that will be snapped, which may reach beyond low..high.
@@ -53,7 +66,7 @@ def grid_of_resolution(low: Point, high: Point, resolution: int, scene: tuple[Po
     return _snapped(resolution, voxel_size, (x, y, z), scene)
 
 
-def grid_of_voxel_size(low: Point, high: Point, voxel_size: float, scene: tuple[Point, Point]) -> Grid:
+def grid_of_voxel_size(low: Point, high: Point, voxel_size: float, scene: Box) -> Grid:
     """The smallest cube on the lattice of multiples of voxel_size that holds low..high."""
     if not (isfinite(voxel_size) and voxel_size > 0):
         raise UsageError(f"--voxel-size {voxel_size} is out of range", "give a positive length")
@@ -74,7 +87,7 @@ def grid_of_voxel_size(low: Point, high: Point, voxel_size: float, scene: tuple[
     return _snapped(resolution, voxel_size, (x, y, z), scene)
 
 
-def _snapped(resolution: int, voxel_size: float, origin: Point, scene: tuple[Point, Point]) -> Grid:
+def _snapped(resolution: int, voxel_size: float, origin: Point, scene: Box) -> Grid:
     if not (isfinite(voxel_size) and voxel_size > 0 and all(map(isfinite, origin))):
         raise UsageError("the scene's extent is beyond double precision", "scale the scene down")
     reach = [resolution]

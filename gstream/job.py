@@ -52,6 +52,13 @@ class Job:
     memory: int = 2 << 30  # bytes for the whole process tree
     worker_memory: int = 1 << 30  # bytes one unit may take, set by the plan
 
+    @property
+    def voxelizing(self) -> VoxelizeSettings:
+        """The voxelize settings of a job that has them; ValueError for one that only ingests."""
+        if self.voxelize is None:
+            raise ValueError("the job has no voxelize settings")
+        return self.voxelize
+
 
 @dataclass(frozen=True, slots=True)
 class Unit:

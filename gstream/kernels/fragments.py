@@ -140,7 +140,8 @@ def prepare_gradients(
 def emit(
     corners: I64,
     values: F64,
-    rules: tuple[int, int, bool, bool, int],
+    rules: tuple[int, int, bool, bool],
+    room: tuple[int, int, int],
     resume: tuple[int, int],
     spread: NDArray[np.uint32],
     normals: F64,
@@ -156,7 +157,8 @@ def emit(
 
     corners : (n, 3, 3) i8   snap units relative to the box's low corner
     values : (n, 3, c) f8   channels at the corners (c may be 0)
-    rules : (snap bits, mode, closed ties, faces both, box edge in voxels)
+    rules : (snap bits, mode, closed ties, faces both)
+    room : voxels of the box along x, y, z, at most 256 each
     resume : (triangle, slab) to go on with; slab -1 = the triangle's start
     spread : (256,) u4   Morton code of (i, 0, 0)
     normals, masks, assigned : (n, 3) f8, (n,) u1, (n,) bool   out, per triangle
@@ -166,7 +168,7 @@ def emit(
     returns : (triangle, slab, fragments)   where to resume, and how many fragments were written
     source : numerics.md section 2 and 3; thesis 3.1.1
     """
-    k, mode, closed, both, edge = rules
+    k, mode, closed, both = rules
     t, slab = resume
     scale = 1.0 / (1 << k)
     tri = np.empty((3, 3), np.int64)
@@ -193,7 +195,7 @@ def emit(
         reach = True
         for c in range(3):
             box[1, c] = max(box[1, c], -base[c])
-            box[2, c] = min(box[2, c], edge - 1 - base[c])
+            box[2, c] = min(box[2, c], room[c] - 1 - base[c])
             reach = reach and box[1, c] <= box[2, c]
         if not reach:
             t, slab = t + 1, -1

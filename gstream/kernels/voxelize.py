@@ -4,6 +4,7 @@ The box grows its arrays as voxels appear and says so when a byte limit is reach
 splits it in eight. Also the plain front for tests and small uses, `voxelize_triangles`.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,17 +45,30 @@ class Rules:
     closed: bool
     both_faces: bool
 
+    def packed(self) -> tuple[int, int, bool, bool]:
+        """As the kernels take them."""
+        return (self.snap_bits, MODES[self.sep], self.closed, self.both_faces)
+
 
 class Box:
     """A cube of edge^3 voxels that collects fragments.
 
     edge : voxels per edge, a power of two, 8 to 256
     channels : attribute channels per corner besides the geometry (colour 4, input normal 3)
+    room : voxels that may be set along x, y, z: less than the edge where the grid ends inside
     limit_bytes : BoxFullError when the arrays would grow beyond it
     """
 
-    def __init__(self, rules: Rules, edge: int, channels: int, limit_bytes: int = 1 << 40) -> None:
-        self.rules, self.edge, self.channels, self.limit_bytes = rules, edge, channels, limit_bytes
+    def __init__(
+        self,
+        rules: Rules,
+        edge: int,
+        channels: int,
+        room: tuple[int, int, int] | None = None,
+        limit_bytes: int = 1 << 40,
+    ) -> None:
+        self.rules, self.limit_bytes = rules, limit_bytes
+        self.edge, self.room = edge, room or (edge, edge, edge)
         self.tile_slots = np.full((edge // TILE_EDGE) ** 3, -1, np.int32)
         self.tiles = np.empty((64, acc.TILE_VOXELS), np.int32)
         self.sums = np.empty((4096, acc.CHANNELS + channels), np.int64)
@@ -70,8 +84,8 @@ class Box:
     def voxels(self) -> int:
         return int(self.used[1])
 
-    def add(self, corners: I64, values: F64) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
-        """Add triangles; returns per triangle whether a target was met, and its face mask.
+    def add(self, corners: I64, values: F64) -> NDArray[np.bool_]:
+        """Add triangles; returns per triangle whether a target in this box was met.
 
         corners : (n, 3, 3) i8   snap units relative to the box's low corner
         values : (n, 3, channels) f8
@@ -80,17 +94,17 @@ class Box:
         n, rules = len(corners), self.rules
         normals, masks = np.zeros((n, 3)), np.zeros(n, np.uint8)
         assigned = np.zeros(n, np.bool_)
-        settings = (rules.snap_bits, MODES[rules.sep], rules.closed, rules.both_faces, self.edge)
+        settings = rules.packed()
         at = (0, -1)
         while at[0] < n:
             t, slab, count = frag.emit(
-                corners, values, settings, at, SPREAD, normals, masks, assigned,
+                corners, values, settings, self.room, at, SPREAD, normals, masks, assigned,
                 self._keys, self._owners, self._hits, self._areas, self._values,
             )  # fmt: skip
             self._accumulate(count, normals, masks)
             self.fragments += count
             at = (t, slab)
-        return assigned, masks
+        return assigned
 
     def _accumulate(self, count: int, normals: F64, masks: NDArray[np.uint8]) -> None:
         start = 0
@@ -160,18 +174,42 @@ def voxelize_triangles(
         channels = np.zeros((len(vertices), 3, 0))
     box = Box(Rules(snap_bits, sep, ties == "closed", False), box_edge, channels.shape[2])
     low = np.array(box_low, np.int64)
-    assigned, _ = box.add(vertices - (low << snap_bits), channels)
+    assigned = box.add(vertices - (low << snap_bits), channels)
     rows, codes = box.collect(0, 1)
     sums, flags = box.sums[rows], box.flags[rows]
-    voxel = np.stack([_compact(codes >> np.uint32(c)) for c in range(3)], axis=1) + low
+    voxel = compact(codes) + low
     return Voxels(
         voxel, (flags & acc.HIT) != 0, sums[:, acc.AREA], sums[:, acc.VECTOR : acc.CHANNELS],
         flags & np.uint8(63), sums[:, acc.CHANNELS :], box.fragments, assigned,
     )  # fmt: skip
 
 
-def _compact(codes: NDArray[np.uint32]) -> I64:
-    out = np.zeros(len(codes), np.int64)
-    for bit in range(8):
-        out |= ((codes >> np.uint32(3 * bit)) & np.uint32(1)).astype(np.int64) << bit
+def compact(codes: NDArray[np.uint32]) -> I64:
+    """(n, 3) i8 coordinates of Morton codes of up to 24 bits."""
+    out = np.zeros((len(codes), 3), np.int64)
+    for c in range(3):
+        for bit in range(8):
+            out[:, c] |= ((codes >> np.uint32(3 * bit + c)) & np.uint32(1)).astype(np.int64) << bit
     return out
+
+
+def fragments(
+    corners: I64, rules: Rules, room: tuple[int, int, int]
+) -> Iterator[tuple[NDArray[np.int32], NDArray[np.uint32], NDArray[np.bool_]]]:
+    """Triangle, Morton code and target met of each fragment in a box of `room` voxels, in batches.
+
+    corners : (n, 3, 3) i8   snap units relative to the box's low corner
+    """
+    n, b = len(corners), frag.BUFFER_FRAGMENTS
+    keys, owners, hits = np.empty(b, np.uint32), np.empty(b, np.int32), np.empty(b, np.bool_)
+    normals, masks, assigned = np.empty((n, 3)), np.empty(n, np.uint8), np.zeros(n, np.bool_)
+    areas, none = np.empty(b), np.empty((b, 0))
+    at = (0, -1)
+    while at[0] < n:
+        t, slab, count = frag.emit(
+            corners, np.empty((n, 3, 0)), rules.packed(), room, at, SPREAD,
+            normals, masks, assigned, keys, owners, hits, areas, none,
+        )  # fmt: skip
+        at = (t, slab)
+        if count:
+            yield owners[:count], keys[:count], hits[:count]

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Self
 
 from gstream.job import Job, Unit
 
@@ -42,8 +42,11 @@ def _sync_folder(folder: Path) -> None:
 class Scratch:
     """The job's folder seen as named byte ranges, so that an object store could stand behind it."""
 
+    OPEN_FILES = 64
+
     def __init__(self, job: Job) -> None:
         self.folder = Path(job.folder)
+        self._files: dict[str, BinaryIO] = {}  # open for reading: cells are read in small pieces
 
     def path(self, name: str) -> Path:
         return self.folder / name
@@ -58,12 +61,31 @@ class Scratch:
 
     def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes:
         """`length` bytes of a scratch file from `offset` (all the rest when None); short reads raise EOFError."""
-        with open(self.folder / name, "rb") as file:
-            file.seek(offset)
-            data = file.read() if length is None else file.read(length)
-        if length is not None and len(data) != length:
+        if length is None:
+            length = self.size(name) - offset
+        data = os.pread(self._open(name).fileno(), length, offset)
+        if len(data) != length:
             raise EOFError(f"{self.folder / name}: wanted {length} bytes at {offset}, got {len(data)}")
         return data
+
+    def _open(self, name: str) -> BinaryIO:
+        if name not in self._files:
+            if len(self._files) >= self.OPEN_FILES:
+                self.close()
+            self._files[name] = open(self.folder / name, "rb", buffering=0)  # noqa: SIM115
+        return self._files[name]
+
+    def close(self) -> None:
+        """Close the files that were opened for reading."""
+        for file in self._files.values():
+            file.close()
+        self._files.clear()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def size(self, name: str) -> int:
         return (self.folder / name).stat().st_size

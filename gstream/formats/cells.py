@@ -1,0 +1,84 @@
+"""Cells on disk: what presort leaves for voxelize. Scratch, no public format.
+
+Each presort unit leaves one file of records, grouped into segments of one cell and kind. The index
+of all segments is one array; the scene (grid, attributes, counts) is one JSON file.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from gstream.grid import Box, Grid
+
+SCENE = "scene.json"
+SEGMENTS = "segments.npy"
+SMALL, LARGE = 0, 1
+SEGMENT = np.dtype(
+    [
+        ("cell", "<u4"),  # Morton code of the cell
+        ("kind", "u1"),  # SMALL or LARGE
+        ("unit", "<u4"),  # number of the presort unit whose file holds the records
+        ("count", "<u4"),  # triangles
+        ("offset", "<u8"),  # bytes into that file
+    ]
+)
+SMALL_CORNERS = np.dtype("<u8")  # 21 bits each of x, y, z, from half a cell below the cell
+LARGE_CORNERS = np.dtype(("<i4", 3))  # x, y, z in the grid
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What every later stage must know of the input."""
+
+    grid: Grid
+    cell_bits: int  # log2 of the cell's edge in voxels
+    colours: bool
+    normals: bool  # input normals are used instead of the geometric ones
+    box: Box  # of all stored vertices, world units
+    metadata: Mapping[str, Any]  # of the stream: units, up, crs
+    counts: Mapping[str, int]  # ledger so far
+    weighted: bool = True  # voxels carry their area; False only for files that were kept without
+
+    @property
+    def words(self) -> int:
+        """Attribute words (u32) at each corner."""
+        return (1 if self.colours else 0) + (2 if self.normals else 0)
+
+    @property
+    def channels(self) -> int:
+        """Attribute channels that the voxels sum up."""
+        return (4 if self.colours else 0) + (3 if self.normals else 0)
+
+    @property
+    def cropped(self) -> bool:
+        """The grid does not hold the whole scene."""
+        low, high = self.box
+        top = [o + self.grid.resolution * self.grid.voxel_size for o in self.grid.origin]
+        return any(l < o for l, o in zip(low, self.grid.origin, strict=True)) or any(
+            h > t for h, t in zip(high, top, strict=True)
+        )
+
+    def to_json(self) -> str:
+        return json.dumps(asdict(self), sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Self:
+        record = json.loads(text)
+        grid = record.pop("grid")
+        low, high = record.pop("box")
+        return cls(
+            grid=Grid(**{**grid, "origin": tuple(grid["origin"])}),
+            box=(tuple(low), tuple(high)),
+            **record,
+        )
+
+    def small_bytes(self, triangles: int) -> int:
+        """Bytes of a segment of small triangles."""
+        return triangles * 3 * (8 + 4 * self.words)
+
+    def large_bytes(self, triangles: int) -> int:
+        """Bytes of a segment of large triangles."""
+        return triangles * 3 * (12 + 4 * self.words)

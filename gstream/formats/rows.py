@@ -1,0 +1,62 @@
+"""Row files: the directory rows of merged piles, as scratch for simplify and pack.
+
+A row file is an array of pile rows in ascending (level, key), with the names of the piles that
+`pile` numbers beside it as JSON. Scratch, no public format.
+"""
+
+import json
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream.formats.columns import ColumnSpec, column_specs
+from gstream.formats.directory import Rows, pile_dtype
+
+
+class Record(NamedTuple):
+    """How one column of one block is stored: what `decode_column` must know."""
+
+    codec: int
+    filter: int
+    constant: int
+    raw_bytes: int
+
+
+def pipeline_columns(colours: bool, normal_bits: int, weighted: bool = True) -> tuple[ColumnSpec, ...]:
+    """The columns that piles carry: the weight too, for the levels above, unless there is none."""
+    specs = column_specs(normal_bits)
+    wanted = {"occupancy", "mask", "normal"}
+    wanted |= ({"colour"} if colours else set()) | ({"weight"} if weighted else set())
+    return tuple(spec for name, spec in specs.items() if name in wanted)
+
+
+def tight_bounds(codes: NDArray[np.uint32]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Smallest and largest x, y, z of local Morton codes; spread bits keep the order of numbers."""
+    axes = [codes & np.uint32(0o11111111 << c) for c in range(3)]
+    low = tuple(_compact(int(axis.min()) >> c) for c, axis in enumerate(axes))
+    return low, tuple(_compact(int(axis.max()) >> c) for c, axis in enumerate(axes))
+
+
+def _compact(code: int) -> int:
+    return sum((code >> 3 * bit & 1) << bit for bit in range(8))
+
+
+def rows_from_bytes(data: bytes, columns: Sequence[ColumnSpec]) -> Rows:
+    """Rows of a row file, or of a run of it."""
+    return np.frombuffer(data, pile_dtype(columns)).copy()
+
+
+def block_range(row: np.void, columns: Sequence[ColumnSpec]) -> tuple[int, int]:
+    """Offset and length of the run of a pile that holds all stored columns of a block."""
+    stored = [row[c.name] for c in columns if row[c.name]["stored"]]
+    if not stored:
+        return 0, 0
+    first = min(int(r["offset"]) for r in stored)
+    return first, max(int(r["offset"]) + int(r["stored"]) for r in stored) - first
+
+
+def names_json(names: Sequence[str]) -> bytes:
+    """The names of the piles, in the order of their numbers."""
+    return json.dumps(list(names)).encode()

@@ -1,0 +1,77 @@
+"""Merge: the piles of all cells to one list of level-0 blocks in Morton order.
+
+Finished blocks are not moved: merging orders their rows, and refuses two blocks of one key.
+"""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from gstream.errors import StoppedError
+from gstream.formats.cells import SCENE, Scene
+from gstream.formats.pile import read_pile_rows
+from gstream.formats.rows import names_json
+from gstream.job import Job, Summary, Unit
+from gstream.run.publish import Scratch
+
+NAME = "5-merge"
+SOURCE, PRESORTED = "4-voxelize", "3-presort"
+ROWS, PILES = "level-0.rows", "piles.json"
+
+
+def plan(job: Job) -> list[Unit]:
+    """One unit: the order is global."""
+    return [Unit(NAME, "rows")]
+
+
+def work(job: Job, unit: Unit) -> None:
+    """Read every pile's index and publish the merged rows."""
+    with Scratch(job) as scratch:
+        names = [f"{SOURCE}/{path.name}" for path in sorted(scratch.path(SOURCE).glob("*.gsp"))]
+        parts = []
+        for number, name in enumerate(names):
+            rows = read_pile_rows(
+                lambda at, n, name=name: scratch.read(name, at, n), scratch.size(name), name
+            )
+            rows["pile"] = number
+            parts.append(rows)
+        merged = np.concatenate(parts)
+        merged = merged[np.argsort(merged["key"], kind="stable")]
+        twice = np.flatnonzero(merged["key"][1:] == merged["key"][:-1])
+        if len(twice):
+            raise StoppedError(
+                f"two finished blocks have the key {int(merged['key'][twice[0]])}",
+                f"delete {job.folder} and run again",
+            )
+        with scratch.write(f"{NAME}/{ROWS}") as file:
+            file.write(merged.tobytes())
+        with scratch.write(f"{NAME}/{PILES}") as file:
+            file.write(names_json(names))
+        with scratch.write(f"{NAME}/{SCENE}") as file:
+            file.write(_scene_with_ledger(scratch).to_json().encode())
+        counts = {"piles": len(names), "blocks": len(merged), "voxels": int(merged["count"].sum())}
+        scratch.mark_done(unit, counts, (f"{NAME}/{ROWS}", f"{NAME}/{PILES}", f"{NAME}/{SCENE}"))
+
+
+def _scene_with_ledger(scratch: Scratch) -> Scene:
+    """The scene with the counts of presort and of all voxelize units."""
+    scene = Scene.from_json(scratch.read(f"{PRESORTED}/{SCENE}"))
+    totals = dict(scene.counts)
+    for path in sorted(scratch.path(SOURCE).glob("*.done")):
+        for key, value in json.loads(scratch.read(f"{SOURCE}/{path.name}"))["counts"].items():
+            if key != "voxels":
+                totals[key] = totals.get(key, 0) + value
+    fates = sum(totals[key] for key in ("non_finite", "outside", "assigned", "unassigned"))
+    if totals["triangles"] != fates:
+        raise RuntimeError(f"{totals['triangles']} triangles were read, {fates} accounted for")
+    return replace(scene, counts=totals)
+
+
+def finish(job: Job) -> Summary:
+    """The counts of the one unit."""
+    with Scratch(job) as scratch:
+        counts = scratch.done(plan(job)[0])
+    if counts is None:
+        raise RuntimeError(f"the unit of {NAME} is not done")
+    return Summary(NAME, counts)

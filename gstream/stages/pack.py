@@ -1,0 +1,91 @@
+"""Pack: the blocks of all levels to one block file, copying compressed columns.
+
+Nothing is decoded: the rows carry the lengths, CRCs and hashes that the directory and the content
+id need.
+"""
+
+import json
+
+import numpy as np
+
+from gstream.formats.blockfile import write_block_file
+from gstream.formats.blockhead import BlockFileHeader
+from gstream.formats.cells import SCENE, Scene
+from gstream.formats.directory import Rows
+from gstream.formats.rows import pipeline_columns, rows_from_bytes
+from gstream.job import Job, Summary, Unit, VoxelizeSettings
+from gstream.run.publish import Scratch, publish
+
+NAME = "7-pack"
+FINEST, ABOVE = "5-merge", "6-simplify"
+PILES = "piles.json"
+
+
+def plan(job: Job) -> list[Unit]:
+    """One unit: a block file is written strictly forward."""
+    return [Unit(NAME, "file")]
+
+
+def work(job: Job, unit: Unit) -> None:
+    """Lay out and write the block file, and publish it under its final name."""
+    settings = job.voxelizing
+    with Scratch(job) as scratch:
+        scene = Scene.from_json(scratch.read(f"{FINEST}/{SCENE}"))
+        columns = pipeline_columns(scene.colours, settings.normal_bits, scene.weighted)
+        rows, piles = rows_from_bytes(scratch.read(f"{FINEST}/level-0.rows"), columns), []
+        piles += json.loads(scratch.read(f"{FINEST}/{PILES}"))
+        if settings.lod:
+            above = rows_from_bytes(scratch.read(f"{ABOVE}/levels.rows"), columns)
+            above["pile"] += len(piles)
+            rows = np.concatenate([rows, above])
+            piles += json.loads(scratch.read(f"{ABOVE}/{PILES}"))
+        keep = settings.keep_weights or not settings.lod
+        kept = [column for column in columns if column.name != "weight" or keep]
+        with publish(job.output) as file:
+            write_block_file(
+                file,
+                _header(scene, settings),
+                rows,
+                lambda pile, offset, length: scratch.read(piles[pile], offset, length),
+                {**scene.metadata, "ledger": dict(scene.counts)},
+                kept,
+            )
+            size = file.tell()
+        scratch.mark_done(unit, _counts(rows, size))
+
+
+def finish(job: Job) -> Summary:
+    """The counts of the one unit."""
+    with Scratch(job) as scratch:
+        counts = scratch.done(plan(job)[0])
+    if counts is None:
+        raise RuntimeError(f"the unit of {NAME} is not done")
+    return Summary(NAME, counts)
+
+
+def _header(scene: Scene, settings: VoxelizeSettings) -> BlockFileHeader:
+    return BlockFileHeader(
+        resolution=scene.grid.resolution,
+        snap_bits=scene.grid.snap_bits,
+        levels=scene.grid.level_count(settings.block) if settings.lod else 1,
+        block_log2=settings.block.bit_length() - 1,
+        matrix=scene.grid.matrix,
+        box=(*scene.box[0], *scene.box[1]),
+        sep=settings.sep,
+        ties=settings.ties,
+        faces=settings.faces,
+        normals=settings.normals,
+        lod_weighting="area" if scene.weighted else "count",
+        normal_bits=settings.normal_bits,
+    )
+
+
+def _counts(rows: Rows, size: int) -> dict[str, int | float]:
+    """Voxels per level, blocks, bytes, and file bytes per finest voxel."""
+    voxels = {
+        f"voxels_level_{level}": int(rows["count"][rows["level"] == level].sum())
+        for level in np.unique(rows["level"])
+    }
+    finest = voxels.get("voxels_level_0", 0)
+    per_voxel = round(size / finest, 3) if finest else 0.0
+    return {**voxels, "blocks": len(rows), "bytes": size, "bytes_per_voxel": per_voxel}

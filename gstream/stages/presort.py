@@ -1,0 +1,311 @@
+"""Presort: the stream's triangles, snapped once, to cells on disk.
+
+One unit reads a run of chunks and leaves one file with a segment per cell that it touched. Also
+counts the triangles whose fate no single cell can tell: those that reach over several cells.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream.errors import UsageError
+from gstream.formats.cells import SCENE, SEGMENT, SEGMENTS, Scene
+from gstream.formats.stream import StreamReader
+from gstream.formats.stream_chunk import DOMAIN_VERTEX, Chunk
+from gstream.grid import grid_of
+from gstream.job import Job, Summary, Unit
+from gstream.kernels import indexing as fast
+from gstream.kernels.presort import (
+    LARGE,
+    OUTSIDE,
+    SMALL,
+    SPANNING,
+    classify,
+    gather,
+    scatter,
+)
+from gstream.kernels.snap import snap
+from gstream.kernels.voxelize import SPREAD, Rules, compact, fragments
+from gstream.run.publish import Scratch
+
+NAME = "3-presort"
+UNIT_TRIANGLES = 1 << 19  # 36 MB of corners and as much of records: a unit's memory stays ~100 MB
+LARGE_PAIRS = 1 << 18  # (large triangle, cell) pairs per flush
+WHITE = np.uint32(0xFFFFFFFF)
+COUNTS = ("triangles", "non_finite", "outside", "assigned", "unassigned", "degenerate")
+
+Array = NDArray[Any]
+
+
+def plan(job: Job) -> list[Unit]:
+    """Runs of chunks of about UNIT_TRIANGLES; the grid travels in each unit."""
+    reader = StreamReader(job.stream)
+    scene = _scene(job, reader).to_json()
+    totals = reader.chunks["triangles"].astype(np.int64)
+    units, first, filled = [], 0, 0
+    for chunk, triangles in enumerate(totals):
+        filled += int(triangles)
+        if filled >= UNIT_TRIANGLES or chunk == len(totals) - 1:
+            number = len(units)
+            data = (number, first, chunk + 1, scene)
+            units.append(Unit(NAME, f"{number:06}", float(filled), 256 << 20, number, data))
+            first, filled = chunk + 1, 0
+    return units
+
+
+def _scene(job: Job, reader: StreamReader) -> Scene:
+    settings = job.voxelizing
+    if reader.box is None:
+        raise UsageError(f"{job.stream} has no triangles to voxelize")
+    names = {attribute.name for attribute in reader.attributes}
+    if settings.normals == "input" and "normal" not in names:
+        raise UsageError(
+            f"{job.stream} has no normals", "leave out --normals input, or ingest a file with them"
+        )
+    metadata = dict(reader.metadata)
+    bounds = metadata.pop("bounds", None)
+    corners = (tuple(bounds[:3]), tuple(bounds[3:])) if bounds else None
+    low, high = reader.box
+    box = ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+    grid = grid_of(settings.resolution, settings.voxel_size, box, corners)
+    cell = max(settings.cell, settings.block, -(-grid.resolution // 256))
+    return Scene(
+        grid=grid,
+        cell_bits=min((cell - 1).bit_length(), 8),
+        colours="colour" in names,
+        normals=settings.normals == "input",
+        box=box,
+        metadata=metadata,
+        counts={},
+    )
+
+
+def work(job: Job, unit: Unit) -> None:
+    """Snap, classify and scatter the triangles of a run of chunks."""
+    _, first, last, text = unit.data
+    scene, scratch = Scene.from_json(text), Scratch(job)
+    reader = StreamReader(job.stream, fast)
+    corners, extras = _corners(reader, first, last, scene)
+    rules = _rules(job, scene)
+    kinds = np.empty(len(corners), np.uint8)
+    bits = _cell_levels(scene)
+    counts = np.zeros(8**bits, np.int64)
+    sorting = (scene.grid.snap_bits, scene.cell_bits, scene.grid.resolution, rules.closed)
+    degenerate = classify(corners, sorting, SPREAD, kinds, counts)
+    name, rows = f"{NAME}/{unit.name}.cells", []
+    with scratch.write(name) as file:
+        cells = np.flatnonzero(counts)
+        offsets = np.cumsum(counts) - counts
+        total = int(counts.sum())
+        packed = np.empty((total, 3), np.uint64)
+        packed_extras = np.empty((total, 3, scene.words), np.uint32)
+        at = 0
+        starts = offsets.copy()
+        scatter(corners, extras, kinds, sorting, SPREAD, offsets, packed, packed_extras)
+        for cell in cells:
+            a, n = int(starts[cell]), int(counts[cell])
+            rows.append((cell, 0, unit.data[0], n, at))
+            at += file.write(packed[a : a + n].tobytes())
+            at += file.write(packed_extras[a : a + n].tobytes())
+        large = np.flatnonzero(kinds == LARGE)
+        for cell, owners in _large_segments(corners, large, rules, scene):
+            rows.append((cell, 1, unit.data[0], len(owners), at))
+            at += file.write(corners[owners].tobytes())
+            at += file.write(extras[owners].tobytes())
+    index = f"{NAME}/{unit.name}.npy"
+    with scratch.write(index) as file:
+        np.save(file, np.array(rows, SEGMENT))
+    fate = _fates(corners, kinds, rules, scene)
+    counted = {
+        "outside": int(np.count_nonzero(kinds == OUTSIDE)) + fate["outside"],
+        "assigned": fate["assigned"],
+        "unassigned": fate["unassigned"],
+        "degenerate": int(degenerate),
+        "triangles": len(corners),
+    }
+    scratch.mark_done(unit, counted, (name, index))
+
+
+def finish(job: Job) -> Summary:
+    """Publish the index of all segments and the scene."""
+    scratch, units = Scratch(job), plan(job)
+    markers = {unit.name: scratch.done(unit) for unit in units}
+    missing = [name for name, counts in markers.items() if counts is None]
+    if missing:
+        raise RuntimeError(f"units of {NAME} are not done: {', '.join(missing)}")
+    segments = [
+        np.load(scratch.path(f"{NAME}/{unit.name}.npy"), allow_pickle=False) for unit in units
+    ]
+    merged = np.concatenate(segments)
+    merged = merged[np.lexsort((merged["unit"], merged["kind"], merged["cell"]))]
+    with scratch.write(f"{NAME}/{SEGMENTS}") as file:
+        np.save(file, merged)
+    totals = StreamReader(job.stream).totals
+    counts = {key: 0 for key in COUNTS}
+    for counted in markers.values():
+        for key, value in (counted or {}).items():
+            counts[key] += value
+    counts["non_finite"] = sum(int(s.get("non_finite", 0)) for s in totals["sources"])
+    counts["triangles"] += counts["non_finite"]
+    scene = replace(Scene.from_json(units[0].data[3]), counts=counts)
+    with scratch.write(f"{NAME}/{SCENE}") as file:
+        file.write(scene.to_json().encode())
+    return Summary(NAME, {**counts, "cells": len(np.unique(merged["cell"]))})
+
+
+def warm() -> None:
+    """Compile the kernels of this stage."""
+    corners = np.zeros((1, 3, 3), np.int32)
+    gather(np.zeros((1, 3), np.uint16), np.zeros((3, 3), np.int64), corners)
+    for dtype in (np.float32, np.float64):
+        snap(np.zeros((1, 3), dtype), np.zeros(3), 1.0, np.zeros((1, 3), np.int64))
+    kinds, counts = np.zeros(1, np.uint8), np.zeros(1, np.int64)
+    classify(corners, (12, 8, 256, False), SPREAD, kinds, counts)
+    scatter(
+        corners, np.zeros((1, 3, 0), np.uint32), kinds, (12, 8, 256, False), SPREAD,
+        np.zeros(1, np.int64), np.empty((1, 3), np.uint64), np.empty((1, 3, 0), np.uint32),
+    )  # fmt: skip
+    for _ in fragments(corners.astype(np.int64), Rules(12, "6", False, False), (8, 8, 8)):
+        pass
+
+
+def _rules(job: Job, scene: Scene) -> Rules:
+    settings = job.voxelizing
+    return Rules(
+        scene.grid.snap_bits, settings.sep, settings.ties == "closed", settings.faces == "both"
+    )
+
+
+def _cell_levels(scene: Scene) -> int:
+    cells = ((scene.grid.resolution - 1) >> scene.cell_bits) + 1
+    return (cells - 1).bit_length()
+
+
+def _corners(reader: StreamReader, first: int, last: int, scene: Scene) -> tuple[Array, Array]:
+    """Snapped corners (n, 3, 3) i4 and attribute words (n, 3, words) u4 of a run of chunks."""
+    total = int(reader.chunks["triangles"][first:last].sum())
+    corners = np.empty((total, 3, 3), np.int32)
+    extras = np.empty((total, 3, scene.words), np.uint32)
+    grid = scene.grid
+    origin, scale = np.array(grid.origin), 2.0**grid.snap_bits / grid.voxel_size
+    wanted = [n for n, used in (("normal", scene.normals), ("colour", scene.colours)) if used]
+    at = 0
+    for number in range(first, last):
+        chunk = reader.chunk(number, wanted)
+        snapped = np.empty((len(chunk.positions), 3), np.int64)
+        snap(np.ascontiguousarray(chunk.positions), origin, scale, snapped)
+        rows = chunk.triangles
+        if rows is None:
+            rows = np.arange(len(snapped), dtype=np.uint32).reshape(-1, 3)
+        n = len(rows)
+        gather(rows, snapped, corners[at : at + n])
+        if scene.words:
+            extras[at : at + n] = _words(chunk, rows, scene)
+        at += n
+    return corners, extras
+
+
+def _words(chunk: Chunk, rows: Array, scene: Scene) -> Array:
+    """Attribute words of a chunk's triangle corners: RGBA, then the normal as 3 x i16."""
+    parts = []
+    if scene.colours:
+        if chunk.colours is None:
+            words = np.full((len(rows), 3), WHITE, np.uint32)
+        else:
+            codes = np.ascontiguousarray(chunk.colours).view("<u4")[:, 0]
+            per_vertex = chunk.colour_domain == DOMAIN_VERTEX
+            words = codes[rows] if per_vertex else np.broadcast_to(codes[:, None], (len(rows), 3))
+        parts.append(words[:, :, None])
+    if scene.normals:
+        parts.append(_normal_words(chunk)[rows])
+    return np.concatenate(parts, axis=2)
+
+
+def _normal_words(chunk: Chunk) -> Array:
+    """(v, 2) u4: the input normals as signed 16-bit components of a unit vector; zero where unusable."""
+    if chunk.normals is None:
+        return np.zeros((len(chunk.positions), 2), np.uint32)
+    normals = chunk.normals.astype(np.float64)
+    length = np.sqrt((normals**2).sum(axis=1))
+    usable = np.isfinite(length) & (length > 0)
+    normals[~usable] = 0.0
+    length[~usable] = 1.0
+    codes = np.zeros((len(normals), 4), "<i2")
+    codes[:, :3] = np.floor(normals / length[:, None] * 32767.0 + 0.5)
+    return codes.view("<u4")
+
+
+def _large_segments(
+    corners: Array, large: Array, rules: Rules, scene: Scene
+) -> Iterator[tuple[int, Array]]:
+    """(cell, triangles) for the triangles that are larger than half a cell."""
+    if not len(large):
+        return
+    cells = ((scene.grid.resolution - 1) >> scene.cell_bits) + 1
+    coarse = Rules(rules.snap_bits + scene.cell_bits, "conservative", True, False)
+    owners: list[Array] = []
+    keys: list[Array] = []
+    pairs = 0
+    at_cells = fragments(corners[large].astype(np.int64), coarse, (cells,) * 3)
+    for some_owners, some_keys, _ in at_cells:
+        owners.append(large[some_owners])
+        keys.append(some_keys)
+        pairs += len(some_keys)
+        if pairs >= LARGE_PAIRS:
+            yield from _by_cell(np.concatenate(owners), np.concatenate(keys))
+            owners, keys, pairs = [], [], 0
+    if pairs:
+        yield from _by_cell(np.concatenate(owners), np.concatenate(keys))
+
+
+def _by_cell(owners: Array, keys: Array) -> Iterator[tuple[int, Array]]:
+    order = np.argsort(keys, kind="stable")
+    owners, keys = owners[order], keys[order]
+    starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
+    for a, b in zip(starts, [*starts[1:], len(keys)], strict=True):
+        yield int(keys[a]), owners[a:b]
+
+
+def _fates(corners: Array, kinds: Array, rules: Rules, scene: Scene) -> dict[str, int]:
+    """Assigned, unassigned and outside among the triangles that reach over several cells."""
+    spanning, large = np.flatnonzero(kinds == SPANNING), np.flatnonzero(kinds == LARGE)
+    if rules.sep == "conservative" and not scene.cropped:
+        return {"assigned": len(spanning) + len(large), "unassigned": 0, "outside": 0}
+    met, touched = _meets_small(corners[spanning].astype(np.int64), rules, scene)
+    for t in large:
+        some_met, some_touched = _meets_large(corners[t : t + 1].astype(np.int64), rules, scene)
+        met, touched = met + some_met, touched + some_touched
+    total = len(spanning) + len(large)
+    return {"assigned": met, "unassigned": touched - met, "outside": total - touched}
+
+
+def _meets_small(corners: Array, rules: Rules, scene: Scene) -> tuple[int, int]:
+    """How many triangles meet a target, and how many meet a voxel of the grid."""
+    base = (corners.min(axis=1) >> rules.snap_bits) - 1
+    local = corners - (base << rules.snap_bits)[:, None, :]
+    met, touched = np.zeros(len(corners), np.bool_), np.zeros(len(corners), np.bool_)
+    for owners, keys, hits in fragments(local, rules, (256, 256, 256)):
+        voxel = compact(keys) + base[owners]
+        inside = ((voxel >= 0) & (voxel < scene.grid.resolution)).all(axis=1)
+        touched[owners[inside]] = True
+        met[owners[inside & hits]] = True
+    return int(met.sum()), int(touched.sum())
+
+
+def _meets_large(corner: Array, rules: Rules, scene: Scene) -> tuple[int, int]:
+    """The same for one large triangle: cell by cell, up to the first target met."""
+    cells = ((scene.grid.resolution - 1) >> scene.cell_bits) + 1
+    coarse = Rules(rules.snap_bits + scene.cell_bits, "conservative", True, False)
+    touched = 0
+    for _, keys, _ in fragments(corner, coarse, (cells,) * 3):
+        for cell in compact(keys) << scene.cell_bits:
+            room = np.minimum(scene.grid.resolution - cell, 1 << scene.cell_bits)
+            local = corner - (cell << rules.snap_bits)
+            for _, _, hits in fragments(local, rules, (int(room[0]), int(room[1]), int(room[2]))):
+                touched = 1
+                if hits.any():
+                    return 1, 1
+    return 0, touched

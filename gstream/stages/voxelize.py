@@ -1,0 +1,257 @@
+"""Voxelize: cells on disk to piles of finished level-0 blocks.
+
+A unit is a run of cells in Morton order. Triangles stream through a cell; only its voxels take
+memory, and a cell whose voxels exceed the budget is filled in eight parts, down to single blocks.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream.errors import RefusedError
+from gstream.formats.cells import LARGE, SCENE, SEGMENT, SEGMENTS, Scene
+from gstream.formats.columns import Block, encode_block
+from gstream.formats.lodrule import LINEAR_OF_CODE
+from gstream.formats.pile import PileWriter
+from gstream.formats.rows import pipeline_columns, tight_bounds
+from gstream.job import Job, Summary, Unit
+from gstream.kernels import filters as fast
+from gstream.kernels.accumulate import AREA, CHANNELS, HIT, VECTOR
+from gstream.formats.lodrule import finish_voxels
+from gstream.kernels.presort import unpack, within
+from gstream.kernels.voxelize import Box, BoxFullError, Rules, compact
+from gstream.run.publish import Scratch
+
+NAME = "4-voxelize"
+SOURCE = "3-presort"
+UNIT_TRIANGLES = 1 << 18
+UNIT_CELLS = 64
+BATCH_TRIANGLES = 1 << 15  # unpacked at once: 5 MB of corners and channels
+UNIT_BYTES = 64 << 20  # what a unit takes besides the box: batches, one block being encoded
+FACE_BITS = np.uint8(63)
+
+Array = NDArray[Any]
+
+
+def plan(job: Job) -> list[Unit]:
+    """Runs of cells in Morton order, up to UNIT_TRIANGLES or UNIT_CELLS."""
+    with Scratch(job) as scratch:
+        segments = _segments(scratch)
+    cells, starts = np.unique(segments["cell"], return_index=True)
+    ends = np.append(starts[1:], len(segments))
+    units: list[Unit] = []
+    first, triangles = 0, 0
+    for i in range(len(cells)):
+        triangles += int(segments["count"][starts[i] : ends[i]].sum())
+        full = triangles >= UNIT_TRIANGLES or i - first + 1 >= UNIT_CELLS
+        if full or i == len(cells) - 1:
+            run = (int(starts[first]), int(ends[i]))
+            units.append(
+                Unit(NAME, f"{len(units):06}", float(triangles), 0, int(cells[first]), run)
+            )
+            first, triangles = i + 1, 0
+    return units
+
+
+def work(job: Job, unit: Unit) -> None:
+    """Voxelize a run of cells into one pile."""
+    settings = job.voxelizing
+    name = f"{NAME}/{unit.name}.gsp"
+    with Scratch(job) as scratch:
+        scene = _scene(scratch)
+        columns = pipeline_columns(scene.colours, settings.normal_bits)
+        names = tuple(column.name for column in columns)
+        counts = dict.fromkeys(
+            ("assigned", "unassigned", "fragments", "area_total", "area_pruned", "voxels"), 0
+        )
+        segments = _segments(scratch)[unit.data[0] : unit.data[1]]
+        log2_edge = settings.block.bit_length() - 1
+        with scratch.write(name) as file, PileWriter(file, columns) as pile:
+            for cell in np.unique(segments["cell"]):
+                filling = Filling(job, scene, scratch, segments[segments["cell"] == cell], counts)
+                for key, block in filling.blocks():
+                    stored = frozenset() if settings.keep_weights else frozenset({"weight"})
+                    encoded = encode_block(
+                        block, log2_edge, names, settings.normal_bits, settings.lz4,
+                        filters=fast, stored=stored,
+                    )  # fmt: skip
+                    low, high = tight_bounds(block.morton)
+                    pile.add(key, 0, block.count, low, high, 0, encoded)
+        scratch.mark_done(unit, counts, (name,))
+
+
+def finish(job: Job) -> Summary:
+    """Sum the counts; the piles are found by merge."""
+    with Scratch(job) as scratch:
+        done = {unit.name: scratch.done(unit) for unit in plan(job)}
+    missing = [name for name, counts in done.items() if counts is None]
+    if missing:
+        raise RuntimeError(f"units of {NAME} are not done: {', '.join(missing)}")
+    totals: dict[str, int | float | str] = {}
+    for counts in done.values():
+        for key, value in (counts or {}).items():
+            totals[key] = int(totals.get(key, 0)) + value
+    return Summary(NAME, totals)
+
+
+def warm() -> None:
+    """Compile the kernels of this stage."""
+    fast.warm()
+    corners = np.array([[[0, 0, 0], [40000, 100, 100], [100, 40000, 9000]]], np.int64)
+    for channels in (0, 4):
+        box = Box(Rules(12, "6", False, False), 8, channels)
+        box.add(corners, np.zeros((1, 3, channels)))
+        rows, _ = box.collect(0, 1)
+        _finish(box.sums[rows], box.flags[rows], channels == 4, False, 11)
+    unpack(np.zeros((1, 3), np.uint64), 0, np.zeros(3, np.int64), corners)
+    within(corners, 12, False, np.zeros(3, np.int64), np.ones(3, np.int64), np.zeros(1, np.bool_))
+
+
+class Filling:
+    """One cell being voxelized: its triangles, its boxes, its counts."""
+
+    def __init__(
+        self, job: Job, scene: Scene, scratch: Scratch, segments: Array, counts: dict[str, int]
+    ) -> None:
+        self.settings, self.scene, self.scratch = job.voxelizing, scene, scratch
+        self.segments, self.counts = segments, counts
+        self.cell = int(segments["cell"][0])
+        self.low = compact(np.array([self.cell], np.uint32))[0] << scene.cell_bits
+        self.room = np.minimum(scene.grid.resolution - self.low, 1 << scene.cell_bits)
+        self.limit_bytes = max((job.worker_memory - UNIT_BYTES) // 2, 16 << 20)
+        self.rules = Rules(
+            scene.grid.snap_bits,
+            self.settings.sep,
+            self.settings.ties == "closed",
+            self.settings.faces == "both",
+        )
+        total = int(segments["count"].sum())
+        self.single = np.zeros(total, np.bool_)  # triangles that no other cell sees
+        self.met = np.zeros(total, np.bool_)
+
+    def blocks(self) -> Iterator[tuple[int, Block]]:
+        """Finished level-0 blocks of the cell in Morton order."""
+        yield from self._fill(np.zeros(3, np.int64), 1 << self.scene.cell_bits, self.cell)
+        self.counts["assigned"] += int(np.count_nonzero(self.single & self.met))
+        self.counts["unassigned"] += int(np.count_nonzero(self.single & ~self.met))
+
+    def _fill(self, low: Array, edge: int, key: int) -> Iterator[tuple[int, Block]]:
+        """low : box in the cell, voxels; key : Morton code of the box among boxes of its size."""
+        room = np.minimum(self.scene.grid.resolution - (self.low + low), edge)
+        if (room <= 0).any():
+            return
+        box = Box(
+            self.rules, edge, self.scene.channels, (int(room[0]), int(room[1]), int(room[2])),
+            self.limit_bytes,
+        )  # fmt: skip
+        try:
+            self._add_triangles(box, low)
+        except BoxFullError:
+            del box
+            if edge == self.settings.block:
+                raise RefusedError(
+                    f"one block of {edge}^3 voxels does not fit the memory of a worker",
+                    "give more --memory, fewer --workers, or a smaller --block",
+                ) from None
+            half = edge // 2
+            for octant in range(8):
+                corner = np.array([octant & 1, octant >> 1 & 1, octant >> 2], np.int64) * half
+                yield from self._fill(low + corner, half, 8 * key + octant)
+            return
+        self.counts["fragments"] += box.fragments
+        parts = (edge // self.settings.block) ** 3
+        for part in range(parts):
+            block = self._block(box, part, parts)
+            if block is not None:
+                yield key * parts + part, block
+
+    def _add_triangles(self, box: Box, low: Array) -> None:
+        at = 0
+        for corners, values in self._triangles(low):
+            met = box.add(corners, values)
+            self.met[at : at + len(corners)] |= met
+            at += len(corners)
+
+    def _triangles(self, low: Array) -> Iterator[tuple[Array, Array]]:
+        """Corners relative to the box at `low`, and channels, batch by batch."""
+        k = self.scene.grid.snap_bits
+        half_cell = 1 << (k + self.scene.cell_bits - 1)
+        at = 0
+        for segment in self.segments:
+            name = f"{SOURCE}/{int(segment['unit']):06}.cells"
+            count, offset = int(segment["count"]), int(segment["offset"])
+            large = segment["kind"] == LARGE
+            width = 36 if large else 24
+            words_at = offset + count * width
+            word_bytes = 12 * self.scene.words
+            for first in range(0, count, BATCH_TRIANGLES):
+                n = min(BATCH_TRIANGLES, count - first)
+                data = self.scratch.read(name, offset + first * width, n * width)
+                corners = np.empty((n, 3, 3), np.int64)
+                if large:
+                    corners[:] = np.frombuffer(data, "<i4").reshape(n, 3, 3)
+                    corners -= (self.low + low) << k
+                else:
+                    packed = np.frombuffer(data, "<u8").reshape(n, 3)
+                    unpack(packed, half_cell, low << k, corners)
+                extras = self.scratch.read(name, words_at + first * word_bytes, n * word_bytes)
+                values = _channels(np.frombuffer(extras, "<u4").reshape(n, 3, -1), self.scene)
+                if not large:
+                    shift = low << k
+                    within(corners, k, self.rules.closed, shift, self.room, self.single[at:])
+                yield corners, values
+                at += n
+
+    def _block(self, box: Box, part: int, parts: int) -> Block | None:
+        rows, codes = box.collect(part, parts)
+        sums, flags = box.sums[rows], box.flags[rows]
+        kept = (flags & HIT) != 0
+        area = sums[:, AREA]
+        self.counts["area_total"] += int(area.sum())
+        self.counts["area_pruned"] += int(area[~kept].sum())
+        if not kept.any():
+            return None
+        if not kept.all():
+            sums, flags, codes = sums[kept], flags[kept], codes[kept]
+        self.counts["voxels"] += len(codes)
+        mask, normal, colour, weight = _finish(
+            sums, flags, self.scene.colours, self.scene.normals, self.settings.normal_bits
+        )
+        return Block(codes, mask, normal, colour if self.scene.colours else None, weight)
+
+
+def _finish(sums: Array, flags: Array, colours: bool, normals: bool, bits: int) -> Any:
+    vector = sums[:, -3:] if normals else sums[:, VECTOR:CHANNELS]
+    colour = sums[:, CHANNELS : CHANNELS + 4] if colours else np.empty((0, 4), np.int64)
+    return finish_voxels(
+        np.ascontiguousarray(sums[:, AREA]),
+        np.ascontiguousarray(vector),
+        np.ascontiguousarray(colour),
+        flags & FACE_BITS,
+        bits,
+    )
+
+
+def _channels(words: Array, scene: Scene) -> Array:
+    """(n, 3, channels) f8 of the corners' attribute words: linear R, G, B, alpha, then the normal."""
+    values = np.empty((*words.shape[:2], scene.channels))
+    at = 0
+    if scene.colours:
+        codes = np.ascontiguousarray(words[:, :, :1]).view(np.uint8)
+        values[:, :, :3] = LINEAR_OF_CODE[codes[:, :, :3]]
+        values[:, :, 3] = codes[:, :, 3]
+        at = 4
+    if scene.normals:
+        components = np.ascontiguousarray(words[:, :, -2:]).view("<i2")[:, :, :3]
+        values[:, :, at : at + 3] = components / 32767.0
+    return values
+
+
+def _segments(scratch: Scratch) -> Array:
+    return np.asarray(np.load(scratch.path(f"{SOURCE}/{SEGMENTS}"), allow_pickle=False), SEGMENT)
+
+
+def _scene(scratch: Scratch) -> Scene:
+    return Scene.from_json(scratch.read(f"{SOURCE}/{SCENE}"))
