@@ -90,9 +90,8 @@ def run_job(
 
 def _run_stage(job: Job, stage: Stage, pool: Workers, progress: Progress) -> StageReport:
     started = perf_counter()
-    with disk_errors(job, f"stage {stage.NAME}"):
+    with disk_errors(job, f"stage {stage.NAME}"), Scratch(job) as scratch:
         units = stage.plan(job)
-        scratch = Scratch(job)
         pending = [unit for unit in units if scratch.done(unit) is None]
     progress.stage_begins(stage.NAME, len(pending), sum(unit.cost for unit in pending))
     pool.run(stage, job, pending, lambda unit: progress.unit_done(stage.NAME, unit.cost))

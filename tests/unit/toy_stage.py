@@ -29,8 +29,7 @@ def work(job: Job, unit: Unit) -> None:
     number = unit.data[0]
     if number == 1:
         _misbehave(job.ingest.inputs[1], Path(job.folder))
-    scratch = Scratch(job)
-    with scratch.write(f"{NAME}/{unit.name}.txt") as file:
+    with Scratch(job) as scratch, scratch.write(f"{NAME}/{unit.name}.txt") as file:
         file.write(str(number * number).encode())
     with (Path(job.folder) / "calls").open("a") as calls:
         calls.write(f"{unit.name}\n")
@@ -38,8 +37,8 @@ def work(job: Job, unit: Unit) -> None:
 
 
 def finish(job: Job) -> Summary:
-    scratch = Scratch(job)
-    squares = [int(scratch.read(f"{NAME}/{unit.name}.txt")) for unit in plan(job)]
+    with Scratch(job) as scratch:
+        squares = [int(scratch.read(f"{NAME}/{unit.name}.txt")) for unit in plan(job)]
     with publish(job.output) as file:
         file.write(str(squares).encode())
     return Summary(NAME, {"sum": sum(squares)})
