@@ -263,7 +263,7 @@ class Picture:
         return cls(np.full((height, width), np.inf, np.float32), normal, colour)
 
     def draw(self, scene: "Scene", camera: Camera, level: int) -> tuple[int, int, int]:
-        """Draw a level, nearest blocks first, so that what lies behind is never read; blocks, read, voxels."""
+        """Draw a level, nearest blocks first, hidden ones never read; blocks, read, voxels."""
         low, high = scene.bounds(level)
         away = (low + high) / 2 @ camera.numbers[8:11]
         read = voxels = 0
@@ -280,7 +280,7 @@ class Picture:
         return len(low), read, voxels
 
     def developed(self, camera: Camera, edge: float, scale: int) -> Bytes:
-        """Light it, average scale x scale samples in linear light, and encode: (h, w, 3) sRGB codes.
+        """Light it, average scale x scale samples, and encode: (h, w, 3) sRGB codes.
 
         edge : of a voxel of the drawn level, world units
         """
@@ -354,7 +354,7 @@ def _background(width: int, height: int) -> NDArray[np.float32]:
 
 
 def encode_srgb(linear: NDArray[np.float32]) -> Bytes:
-    """Linear light to sRGB codes; what is brighter than white rolls off instead of clipping hard."""
+    """Linear light to sRGB codes; what is brighter than white rolls off instead of clipping."""
     knee = 0.8
     over = np.maximum(linear - knee, 0)
     rolled = np.where(

@@ -8,8 +8,6 @@ why this file imports only the standard library at the top.
 
 import argparse
 import json
-import os
-import platform
 import re
 import resource
 import subprocess
@@ -19,10 +17,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-TREE_MARGIN = (
+GRID_MARGIN = (
     1 + 2.0**-10
 )  # voxel size = largest extent * (1 + 2^-10) / N, as gstream places its grid
-SAMPLE_SECONDS = 0.1
+WARMING_TRIANGLES = 20_000
 
 
 def open3d_call(mesh: Path, resolution: int) -> dict[str, Any]:
@@ -33,7 +31,7 @@ def open3d_call(mesh: Path, resolution: int) -> dict[str, Any]:
     size = triangles.get_max_bound() - triangles.get_min_bound()
     before, wall = time.process_time(), time.perf_counter()
     grid = open3d.geometry.VoxelGrid.create_from_triangle_mesh(
-        triangles, max(size) * TREE_MARGIN / resolution
+        triangles, max(size) * GRID_MARGIN / resolution
     )
     cpu, wall = time.process_time() - before, time.perf_counter() - wall
     # get_voxels() would make a Python object of each voxel; the repr counts them
@@ -60,104 +58,45 @@ def open3d_figures(python: str, mesh: Path, resolution: int) -> dict[str, Any]:
     return result
 
 
-def run_gstream(*arguments: str, env: dict[str, str] | None = None) -> tuple[float, float, float]:
-    """Run one gstream command: CPU s of its whole process tree, wall s, peak MB."""
-    from tests.bench.bench_memory import watch
-
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    start = time.perf_counter()
-    process = subprocess.Popen([sys.executable, "-m", "gstream_cli.main", *arguments], env=env)
-    peak = watch(process, SAMPLE_SECONDS)
-    wall = time.perf_counter() - start
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    if process.returncode:
-        raise SystemExit(f"gstream {' '.join(arguments)}: exit code {process.returncode}")
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return cpu, wall, peak.bytes / 2**20
-
-
 def our_figures(args: argparse.Namespace, mesh: Path, folder: Path) -> dict[str, Any]:
     """Ingest, warm the kernel cache with a small run, then measure `gstream voxelize`."""
     from tests.bench.meshes import write_sphere
+    from tests.bench.process import expect
 
     stream, output, report = folder / "scene.gst", folder / "scene.gsb", folder / "report.json"
-    small, settings = folder / "small.ply", ["--sep", args.sep, "--workers", str(args.workers)]
-    write_sphere(small, 20_000)
-    run_gstream("ingest", str(small), "-o", str(folder / "small.gst"), "--force")
-    warming = [
-        "voxelize",
-        str(folder / "small.gst"),
-        "-o",
-        str(folder / "small.gsb"),
-        "--resolution",
-        "256",
-    ]
-    cold, _, _ = run_gstream(*warming, *settings, "--force")
-    warm, _, _ = run_gstream(*warming, *settings, "--force")
-    ingest_cpu, ingest_wall, _ = run_gstream(
-        "ingest", str(mesh), "-o", str(stream), "--lz4", "fast", "--order", "file", "--force"
+    write_sphere(folder / "small.ply", WARMING_TRIANGLES)
+    expect("ingest", folder / "small.ply", "-o", folder / "small.gst", "--force")
+    settings = (
+        "--sep",
+        args.sep,
+        "--workers",
+        str(args.workers),
+        "--memory",
+        args.memory,
+        "--force",
     )
-    cpu, wall, peak = run_gstream(
-        *("voxelize", str(stream), "-o", str(output), "--resolution", str(args.resolution)),
-        *(*settings, "--memory", args.memory, "--report", str(report), "--force"),
-    )
+    small = ("voxelize", folder / "small.gst", "-o", folder / "small.gsb", "--resolution", "256")
+    cold, warm = expect(*small, *settings), expect(*small, *settings)
+    read = expect("ingest", mesh, "-o", stream, "--lz4", "fast", "--order", "file", "--force")
+    asked = ("--resolution", str(args.resolution), "--report", report)
+    cost = expect("voxelize", stream, "-o", output, *asked, *settings)
     found = json.loads(report.read_text())
-    voxels = level_zero_voxels(output)
+    voxels = next(row["voxels"] for row in found["file"]["levels"] if row["level"] == 0)
     return {
         "what": "gstream",
         "voxels": voxels,
-        "cpu_s": cpu,
-        "wall_s": wall,
-        "peak_mb": peak,
+        "cpu_s": cost.cpu_s,
+        "wall_s": cost.wall_s,
+        "peak_mb": cost.peak_bytes / 2**20,
         "bytes": output.stat().st_size,
         "bytes_per_voxel": output.stat().st_size / voxels,
         "stream_bytes": stream.stat().st_size,
-        "compile_s": max(0.0, cold - warm),
-        "start_s": warm,
-        "ingest_cpu_s": ingest_cpu,
-        "ingest_wall_s": ingest_wall,
-        "stages": stage_seconds(found),
+        "compile_s": max(0.0, cold.cpu_s - warm.cpu_s),
+        "start_s": warm.cpu_s,
+        "ingest_cpu_s": read.cpu_s,
+        "ingest_wall_s": read.wall_s,
+        "stages": {row["stage"]: row["seconds"] for row in found["stages"]},
     }
-
-
-def level_zero_voxels(path: Path) -> int:
-    """The finest level's voxel count, from `gstream info --json`."""
-    done = subprocess.run(
-        [sys.executable, "-m", "gstream_cli.main", "info", str(path), "--json"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    levels = json.loads(done.stdout)["levels"]
-    return int(next(level for level in levels if level["level"] == 0)["voxels"])
-
-
-def stage_seconds(report: dict[str, Any]) -> dict[str, float]:
-    """Seconds of each stage by name, from the report's `stages`: records, or a mapping."""
-    stages = report.get("stages", [])
-    if isinstance(stages, dict):
-        pairs = list(stages.items())
-    else:
-        pairs = [(str(row.get("stage", row.get("name"))), row) for row in stages]
-    return {
-        name: float(row["seconds"] if isinstance(row, dict) else row)
-        for name, row in pairs
-        if not isinstance(row, dict) or "seconds" in row
-    }
-
-
-def machine() -> str:
-    """Cores, processor and clock, as this process sees them."""
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-        model = re.search(r"model name\s*: (.*)", text)
-        clock = re.search(r"cpu MHz\s*: (.*)", text)
-        name = model[1] if model else platform.processor()
-        name += f", {float(clock[1]) / 1000:.2f} GHz" if clock else ""
-    except OSError:
-        name = platform.processor() or platform.machine()
-    load = os.getloadavg()[0]
-    return f"{os.cpu_count()} cores, {name}, load {load:.1f}, Python {platform.python_version()}"
 
 
 def table(triangles: int, rows: list[dict[str, Any]]) -> str:
@@ -188,12 +127,17 @@ def table(triangles: int, rows: list[dict[str, Any]]) -> str:
 
 def describe(ours: dict[str, Any], triangles: int) -> str:
     total = sum(ours["stages"].values()) or 1.0
-    shares = ", ".join(f"{name} {s:.2f} s ({s / total:.0%})" for name, s in ours["stages"].items())
-    return (
-        f"kernels compiled in {ours['compile_s']:.1f} CPU s (not counted above); a 20 k triangle run costs "
-        f"{ours['start_s']:.1f} CPU s\ningest: {triangles / 1e6 / ours['ingest_cpu_s']:.2f} Mtri/CPU s, "
-        f"{triangles / 1e6 / ours['ingest_wall_s']:.2f} Mtri/s wall, {ours['stream_bytes'] / triangles:.2f} bytes per triangle\n"
-        f"block file: {ours['bytes']:,} bytes\nstages: {shares or 'not in the report'}"
+    shares = [f"{name} {s:.2f} s ({s / total:.0%})" for name, s in ours["stages"].items()]
+    mega, per_triangle = triangles / 1e6, ours["stream_bytes"] / triangles
+    return "\n".join(
+        [
+            f"compiling kernels: {ours['compile_s']:.1f} CPU s, not counted above",
+            f"a run of {WARMING_TRIANGLES:,} triangles: {ours['start_s']:.1f} CPU s",
+            f"ingest: {mega / ours['ingest_cpu_s']:.2f} Mtri/CPU s, "
+            f"{mega / ours['ingest_wall_s']:.2f} Mtri/s, {per_triangle:.2f} bytes per triangle",
+            f"block file: {ours['bytes']:,} bytes",
+            f"stages: {', '.join(shares)}",
+        ]
     )
 
 
@@ -220,6 +164,7 @@ def parse() -> argparse.Namespace:
 
 def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     from tests.bench.meshes import Sphere, write_sphere
+    from tests.bench.process import machine
 
     mesh, triangles = args.mesh, args.triangles
     if mesh is None:
@@ -250,9 +195,8 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         result = measure(args, folder)
     rows = result["rows"]
-    print(
-        f"{result['machine']}\n{result['triangles']:,} triangles at {args.resolution}^3, --sep {args.sep}\n"
-    )
+    print(result["machine"])
+    print(f"{result['triangles']:,} triangles at {args.resolution}^3, --sep {args.sep}\n")
     print(table(result["triangles"], rows))
     for row in rows:
         if row["what"] == "gstream":
