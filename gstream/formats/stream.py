@@ -27,10 +27,9 @@ from gstream.formats.stream_chunk import (
     Attribute,
     Chunk,
     ChunkHead,
-    decode_chunk,
-    encode_chunk,
 )
 from gstream.formats.stream_filters import Filters
+from gstream.formats.stream_parts import decode_chunk, encode_chunk
 
 __all__ = [
     "COLOUR",

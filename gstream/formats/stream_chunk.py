@@ -1,9 +1,8 @@
-"""One chunk of a geometry stream: its head, its parts, and the arrays they unpack to.
+"""The records of one chunk of a geometry stream: head, part records, and what they unpack to.
 
-spec/stream.md, "Chunk". What stands around the chunks is in stream.py.
+spec/stream.md, "Chunk". Packing and unpacking is in stream_parts.py, the file in stream.py.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from struct import Struct
 from typing import Any, ClassVar, Final
@@ -12,23 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.errors import CorruptFileError, UnsupportedError
-from gstream.formats import stream_filters
-from gstream.formats.framing import (
-    CODEC_CONSTANT,
-    CODEC_LZ4,
-    CODEC_RAW,
-    MAX_RAW,
-    compress,
-    crc32,
-    decompress,
-)
-from gstream.formats.stream_filters import (
-    FILTER_DELTA,
-    FILTER_FIRST_USE,
-    FILTER_NONE,
-    FILTER_ORDERED_DELTA,
-    Filters,
-)
+from gstream.formats.framing import MAX_RAW, crc32
 
 CHUNK_MAGIC: Final = b"CHNK"
 MAX_CHUNK_TRIANGLES: Final = 65_536
@@ -44,6 +27,21 @@ DTYPES: Final = {1: "<u1", 2: "<u2", 3: "<u4", 4: "<f4", 5: "<f8"}
 ID_INDEX: Final = 0
 
 Array = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where in which file something stands: what an error needs to say."""
+
+    path: str
+    at: int
+
+    def corrupt(self, rule: str, said: str) -> CorruptFileError:
+        return CorruptFileError(rule, self.path, self.at, said)
+
+    def unsupported(self, said: str) -> UnsupportedError:
+        said = f"{said} at byte {self.at} is unknown"
+        return UnsupportedError(self.path, said, "use a newer gstream")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +65,14 @@ POSITION_F8: Final = Attribute(2, 5, 3, "position")
 NORMAL: Final = Attribute(3, 4, 3, "normal")
 COLOUR: Final = Attribute(4, 1, 4, "colour")
 KNOWN: Final = {a.id: a for a in (INDEX, POSITION_F4, POSITION_F8, NORMAL, COLOUR)}
+
+
+DOMAINS: Final = {  # where this version reads each attribute
+    "index": (DOMAIN_CORNER,),
+    "position": (DOMAIN_VERTEX,),
+    "normal": (DOMAIN_VERTEX,),
+    "colour": (DOMAIN_VERTEX, DOMAIN_TRIANGLE, DOMAIN_CHUNK),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,224 +182,29 @@ class ChunkHead:
         head = cls(
             width, triangles, vertices, source, payload, non_finite, degenerate, tuple(box), records
         )
-        head._check(path, at)
+        head._check(Place(path, at))
         return head
 
-    def _check(self, path: str, at: int) -> None:
+    def _check(self, where: Place) -> None:
         if self.triangles > MAX_CHUNK_TRIANGLES or self.vertices > MAX_CHUNK_VERTICES:
             said = f"{self.triangles} triangles and {self.vertices} vertices, above 65536 of each"
-            raise CorruptFileError("GST-0104", path, at, said)
+            raise where.corrupt("GST-0104", said)
         if self.payload != sum(part.stored for part in self.parts):
-            raise CorruptFileError("GST-0105", path, at, "the parts do not add up to the payload")
+            raise where.corrupt("GST-0105", "the parts do not add up to the payload")
         if self.index_bytes not in (0, 2):
-            raise CorruptFileError("GST-0107", path, at, f"indices of {self.index_bytes} bytes")
+            raise where.corrupt("GST-0107", f"indices of {self.index_bytes} bytes")
         ids = [part.attribute for part in self.parts]
         positions = ids.count(POSITION_F4.id) + ids.count(POSITION_F8.id)
         if len(set(ids)) != len(ids) or positions != 1:
-            said = "a chunk needs one position part and no attribute twice"
-            raise CorruptFileError("GST-0108", path, at, said)
-        if (ID_INDEX in ids) != (self.index_bytes == 2):
-            raise CorruptFileError("GST-0108", path, at, "index part and index width disagree")
+            raise where.corrupt("GST-0108", "one position part is needed, and no attribute twice")
+        if (ids[0] == ID_INDEX, ID_INDEX in ids) != (self.index_bytes == 2,) * 2:
+            said = "an index part must come first, and only where the index width is 2"
+            raise where.corrupt("GST-0108", said)
         if self.index_bytes == 0 and self.vertices != 3 * self.triangles:
             said = f"{self.triangles} triangles without indices have {self.vertices} vertices"
-            raise CorruptFileError("GST-0109", path, at, said)
+            raise where.corrupt("GST-0109", said)
         if self.degenerate > self.triangles:
-            raise CorruptFileError("GST-0116", path, at, "more degenerate triangles than triangles")
-
-    def count(self, domain: int, path: str, at: int) -> int:
-        """Values that an attribute of `domain` has in this chunk."""
-        if domain > DOMAIN_CHUNK:
-            raise UnsupportedError(
-                path, f"domain {domain} at byte {at} is unknown", "use a newer gstream"
-            )
-        return (self.vertices, 3 * self.triangles, self.triangles, 1)[domain]
+            raise where.corrupt("GST-0116", "more degenerate triangles than triangles")
 
 
 HEAD_READ: Final = ChunkHead.LAYOUT.size + MAX_PARTS * Part.LAYOUT.size + 4  # the longest head
-
-
-def encode_chunk(chunk: Chunk, lz4: str, filters: Filters = stream_filters) -> bytes:
-    """Head and payload of one chunk; lz4: fast | hc."""
-    payload: list[bytes] = []
-    parts: list[Part] = []
-    for attribute, domain, values in _values(chunk):
-        part, stored = _encode_part(attribute, domain, values, lz4, filters)
-        parts.append(part)
-        payload.append(stored)
-    head = ChunkHead(
-        index_bytes=0 if chunk.triangles is None else 2,
-        triangles=chunk.triangle_count,
-        vertices=len(chunk.positions),
-        source=chunk.source,
-        payload=sum(map(len, payload)),
-        non_finite=chunk.non_finite,
-        degenerate=chunk.degenerate,
-        box=tight_box(chunk.positions),
-        parts=tuple(parts),
-    )
-    return b"".join([head.write(), *payload])
-
-
-def tight_box(positions: Array) -> tuple[float, ...]:
-    """Low x y z and high x y z as float64; zeros for no vertices, and a zero is always +0.0."""
-    if not len(positions):
-        return (0.0,) * 6
-    columns = np.ascontiguousarray(
-        positions.T
-    )  # min over a long axis is vectorised: 8 times faster
-    low, high = columns.min(axis=1), columns.max(axis=1)
-    return tuple(float(value) + 0.0 for value in (*low, *high))
-
-
-def position_attribute(positions: Array) -> Attribute:
-    return POSITION_F8 if positions.dtype == np.float64 else POSITION_F4
-
-
-def _values(chunk: Chunk) -> Iterator[tuple[Attribute, int, Array]]:
-    if chunk.triangles is not None:
-        yield INDEX, DOMAIN_CORNER, chunk.triangles.reshape(-1, 1)
-    yield position_attribute(chunk.positions), DOMAIN_VERTEX, chunk.positions
-    if chunk.normals is not None:
-        yield NORMAL, DOMAIN_VERTEX, chunk.normals
-    if chunk.colours is not None:
-        yield COLOUR, chunk.colour_domain, chunk.colours
-
-
-def _encode_part(
-    attribute: Attribute, domain: int, values: Array, lz4: str, filters: Filters
-) -> tuple[Part, bytes]:
-    values = np.ascontiguousarray(values, DTYPES[attribute.dtype])
-    filter_, codec, stored, raw = FILTER_NONE, CODEC_RAW, b"", values.nbytes
-    bits = values.view(f"<u{values.itemsize}")
-    if (
-        len(bits) > 1
-        and attribute is not INDEX
-        and (bits[1] == bits[0]).all()
-        and (bits == bits[0]).all()
-    ):
-        codec, stored = CODEC_CONSTANT, bits[0].tobytes()
-        raw = len(stored)
-    elif len(bits) > 1:
-        planes = np.empty((bits.shape[1], bits.itemsize, len(bits)), np.uint8)
-        if attribute is INDEX:
-            filter_ = FILTER_FIRST_USE
-            filters.first_use_planes(bits[:, 0], planes[0])
-        else:
-            ordered = values.dtype.kind == "f"
-            filter_ = FILTER_ORDERED_DELTA if ordered else FILTER_DELTA
-            filters.delta_planes(bits, ordered, planes)
-        codec, stored = CODEC_LZ4, compress(planes.data, lz4)
-    if codec != CODEC_CONSTANT and (codec == CODEC_RAW or len(stored) >= raw):
-        filter_, codec, stored = FILTER_NONE, CODEC_RAW, values.tobytes()
-    part = Part(attribute.id, domain, filter_, codec, len(stored), raw, crc32(stored))
-    return part, stored
-
-
-def decode_chunk(
-    data: bytes,
-    path: str,
-    at: int,
-    wanted: frozenset[str] = frozenset({"normal", "colour"}),
-    filters: Filters = stream_filters,
-) -> Chunk:
-    """Unpack the chunk in `data`, which lies at byte `at` of `path`; what is not wanted is None.
-
-    errors: CorruptFileError; UnsupportedError for an unknown filter or codec of what is wanted
-    """
-    head = ChunkHead.read(data, path, at)
-    if len(data) != head.size + head.payload:
-        raise CorruptFileError("GST-0110", path, at, "the file ends inside a chunk")
-    found: dict[str, Array] = {}
-    domains: dict[str, int] = {}
-    offset = head.size
-    for part in head.parts:
-        attribute = KNOWN.get(part.attribute)
-        if attribute and attribute.name in wanted | {"index", "position"}:
-            stored = memoryview(data)[offset : offset + part.stored]
-            domains[attribute.name] = part.domain
-            found[attribute.name] = decode_part(
-                head, part, attribute, stored, path, at + offset, filters
-            )
-        offset += part.stored
-    index = found.get("index")
-    return Chunk(
-        positions=found["position"],
-        triangles=None if index is None else index.reshape(-1, 3),
-        normals=found.get("normal"),
-        colours=found.get("colour"),
-        colour_domain=domains.get("colour", DOMAIN_VERTEX),
-        source=head.source,
-        non_finite=head.non_finite,
-        degenerate=head.degenerate,
-    )
-
-
-def decode_part(
-    head: ChunkHead,
-    part: Part,
-    attribute: Attribute,
-    stored: memoryview,
-    path: str,
-    at: int,
-    filters: Filters = stream_filters,
-) -> Array:
-    """The (n, components) values of one part whose stored bytes lie at byte `at`."""
-    if crc32(stored) != part.crc:
-        raise CorruptFileError("GST-0111", path, at, f"the CRC of a {attribute.name} part is wrong")
-    _check_domain(part, attribute, path, at)
-    count = head.count(part.domain, path, at)
-    dtype = np.dtype(DTYPES[attribute.dtype])
-    raw = attribute.value_bytes * (1 if part.codec == CODEC_CONSTANT else count)
-    if part.raw != raw:
-        said = f"a {attribute.name} part states {part.raw} bytes where {raw} are needed"
-        raise CorruptFileError("GST-0107", path, at, said)
-    data = _unpack(part, stored, path, at)
-    values = np.empty((count, attribute.components), dtype)
-    bits = values.view(f"<u{dtype.itemsize}")
-    if part.filter == FILTER_NONE:
-        values[:] = np.frombuffer(data, dtype).reshape(-1, attribute.components)
-    else:
-        planes = np.frombuffer(data, np.uint8).reshape(attribute.components, dtype.itemsize, count)
-        _undo(part, planes, bits, head.vertices, path, at, filters)
-    if attribute is INDEX and count and int(bits.max()) >= head.vertices:
-        said = f"vertex {int(bits.max())} of {head.vertices} is named"
-        raise CorruptFileError("GST-0112", path, at, said)
-    return values
-
-
-def _check_domain(part: Part, attribute: Attribute, path: str, at: int) -> None:
-    allowed: dict[str, tuple[int, ...]] = {
-        "index": (DOMAIN_CORNER,),
-        "position": (DOMAIN_VERTEX,),
-        "normal": (DOMAIN_VERTEX,),
-    }
-    domains = allowed.get(attribute.name, (DOMAIN_VERTEX, DOMAIN_TRIANGLE, DOMAIN_CHUNK))
-    if part.domain not in domains:
-        said = f"{attribute.name} in domain {part.domain} at byte {at}"
-        raise UnsupportedError(path, said, "use a newer gstream")
-
-
-def _unpack(part: Part, stored: memoryview, path: str, at: int) -> bytes | memoryview:
-    if part.codec == CODEC_LZ4:
-        return decompress(stored, part.raw, "GST-0113", path, at)
-    if part.codec not in (CODEC_RAW, CODEC_CONSTANT):
-        raise UnsupportedError(path, f"codec {part.codec} at byte {at}", "use a newer gstream")
-    if part.stored != part.raw or (part.codec == CODEC_CONSTANT and part.filter != FILTER_NONE):
-        raise CorruptFileError("GST-0107", path, at, "a part that is not packed has another length")
-    return stored
-
-
-def _undo(
-    part: Part, planes: Array, bits: Array, vertices: int, path: str, at: int, filters: Filters
-) -> None:
-    if part.filter == FILTER_FIRST_USE and part.attribute == ID_INDEX:
-        used = filters.undo_first_use_planes(planes[0], vertices, bits[:, 0])
-        if used != vertices:
-            said = (
-                f"the indices use {used} of {vertices} vertices" if used >= 0 else "a broken index"
-            )
-            raise CorruptFileError("GST-0114", path, at, said)
-    elif part.filter in (FILTER_DELTA, FILTER_ORDERED_DELTA):
-        filters.undo_delta_planes(planes, part.filter == FILTER_ORDERED_DELTA, bits)
-    else:
-        raise UnsupportedError(path, f"filter {part.filter} at byte {at}", "use a newer gstream")

@@ -10,45 +10,83 @@ import numpy as np
 from numpy.typing import NDArray
 
 FILTER_NONE: Final = 0
-FILTER_DELTA: Final = 1  # integers: difference, zigzag, byte planes
+FILTER_DELTA: Final = 1  # integers: difference to the value before, zigzag, byte planes
 FILTER_ORDERED_DELTA: Final = 2  # the same on the ordered integers of IEEE floats
 FILTER_FIRST_USE: Final = 3  # indices: distance below the high-water mark, byte planes
+FILTER_CORNER_DELTA: Final = 4  # as 1, the difference being to another corner of the triangle
+FILTER_ORDERED_CORNER_DELTA: Final = 5  # as 2, likewise
 
 Bits = NDArray[Any]  # unsigned integers of 1, 2, 4 or 8 bytes
 Bytes = NDArray[np.uint8]
+Bases = NDArray[np.int32]
 
 
 class Filters(Protocol):
     """A module that has the filters: this one, or its compiled twin."""
 
-    def delta_planes(self, values: Bits, ordered: bool, planes: Bytes) -> None: ...
-    def undo_delta_planes(self, planes: Bytes, ordered: bool, values: Bits) -> None: ...
+    def corner_bases(self, triangles: Bits, bases: Bases) -> None: ...
+    def delta_planes(self, values: Bits, bases: Bases, ordered: bool, planes: Bytes) -> None: ...
+    def undo_delta_planes(
+        self, planes: Bytes, bases: Bases, ordered: bool, values: Bits
+    ) -> None: ...
     def first_use_planes(self, indices: Bits, planes: Bytes) -> None: ...
     def undo_first_use_planes(self, planes: Bytes, vertices: int, indices: Bits) -> int: ...
 
 
-def delta_planes(values: Bits, ordered: bool, planes: Bytes) -> None:
-    """Difference to the row before, zigzag, and one plane per byte.
+def rows_before(count: int) -> Bases:
+    """The plain bases: each row's difference is to the row before, the first one's to zero."""
+    return np.arange(-1, count - 1, dtype=np.int32)
+
+
+def corner_bases(triangles: Bits, bases: Bases) -> None:
+    """Choose for each vertex one that comes before it and, if possible, shares a triangle with it.
+
+    triangles : (t, 3) uint16
+    bases : (v,) int32, written: of the two other corners of the triangle that uses the vertex
+    first, the highest one below the vertex; without one, the vertex before; -1 for vertex 0
+    """
+    corners = triangles.astype(np.int32)
+    others = np.stack([np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)])
+    best = np.where(others < corners, others, -1).max(axis=0).ravel()
+    used, first = np.unique(corners.ravel(), return_index=True)
+    bases[:] = rows_before(len(bases))
+    found = best[first] >= 0
+    bases[used[found]] = best[first[found]]
+
+
+def delta_planes(values: Bits, bases: Bases, ordered: bool, planes: Bytes) -> None:
+    """Difference to the base's value, zigzag, and one plane per byte.
 
     values : (n, c) unsigned, 1, 2, 4 or 8 bytes wide; ordered: they are the bits of floats
+    bases : (n,) int32, an earlier row for each row; -1: the difference is to zero
     planes : (c, width, n) uint8, written; plane 0 holds the low bytes
     """
     width, top = values.itemsize, _top(values)
     codes = _ordered(values) if ordered else values
-    step = codes.copy()
-    step[1:] -= codes[:-1]
+    step = codes - np.where(bases[:, None] >= 0, codes[bases], np.zeros_like(codes))
     zigzag = (step << 1) ^ (np.zeros_like(step) - (step >> top))
     for byte in range(width):
         planes[:, byte] = (zigzag >> (8 * byte)).astype(np.uint8).T
 
 
-def undo_delta_planes(planes: Bytes, ordered: bool, values: Bits) -> None:
-    """Inverse of `delta_planes`: planes (c, width, n) uint8 -> values (n, c), written."""
+def undo_delta_planes(planes: Bytes, bases: Bases, ordered: bool, values: Bits) -> None:
+    """Inverse of `delta_planes`: planes (c, width, n) uint8 -> values (n, c), written.
+
+    source : pointer jumping, Wyllie 1979: each round halves the way of every row to its root
+    """
     zigzag = np.zeros_like(values)
     for byte in range(values.itemsize):
         zigzag |= planes[:, byte].T.astype(values.dtype) << (8 * byte)
     step = (zigzag >> 1) ^ (np.zeros_like(zigzag) - (zigzag & 1))
-    codes = np.cumsum(step, axis=0, dtype=values.dtype)
+    if (bases == rows_before(len(bases))).all():
+        codes = np.cumsum(step, axis=0, dtype=values.dtype)
+    else:
+        codes = np.concatenate([np.zeros_like(step[:1]), step])
+        up = np.concatenate([[0], bases + 1])
+        while up.any():
+            codes += codes[up]
+            up = up[up]
+        codes = codes[1:]
     values[:] = _unordered(codes) if ordered else codes
 
 

@@ -127,20 +127,15 @@ def count_degenerate(positions: Array, triangles: Array) -> int:
     """
     found = 0
     for t in range(triangles.shape[0]):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        if _same(positions, a, b) or _same(positions, b, c) or _same(positions, c, a):
-            found += 1
+        a, b, c = np.int64(triangles[t, 0]), np.int64(triangles[t, 1]), np.int64(triangles[t, 2])
+        ax, ay, az = positions[a, 0], positions[a, 1], positions[a, 2]
+        bx, by, bz = positions[b, 0], positions[b, 1], positions[b, 2]
+        cx, cy, cz = positions[c, 0], positions[c, 1], positions[c, 2]
+        ab = (ax == bx) & (ay == by) & (az == bz)  # & and not `and`: 6 times faster, no branches
+        bc = (bx == cx) & (by == cy) & (bz == cz)
+        ca = (cx == ax) & (cy == ay) & (cz == az)
+        found += ab | bc | ca
     return found
-
-
-@kernel
-def _same(positions: Array, a: int, b: int) -> bool:
-    """Whether rows a and b of positions, (v, 3) float, are equal numbers; errors: none."""
-    if a == b:
-        return True
-    if positions[a, 0] != positions[b, 0]:
-        return False
-    return positions[a, 1] == positions[b, 1] and positions[a, 2] == positions[b, 2]
 
 
 @kernel
@@ -171,10 +166,35 @@ def morton_of_points(points: Array, low: Array, scale: float, keys: Array) -> No
 
 
 @kernel
-def delta_planes(values: Array, ordered: bool, planes: Array) -> None:
-    """Difference to the row before, zigzag, and one plane per byte.
+def corner_bases(triangles: Array, bases: Array) -> None:
+    """Choose for each vertex one that comes before it and, if possible, shares a triangle with it.
+
+    triangles : (t, 3) uint16   below v
+    bases : (v,) int32   written: the highest corner below the vertex in the triangle that uses it
+    first; without one, the vertex before; -1 for vertex 0
+    returns: nothing; errors : none, the caller checked the range
+    source : spec/stream.md, "Filters"
+    """
+    unseen = np.int32(-2)
+    bases[:] = unseen
+    for t in range(triangles.shape[0]):
+        a, b, c = np.int32(triangles[t, 0]), np.int32(triangles[t, 1]), np.int32(triangles[t, 2])
+        for _ in range(3):
+            if bases[a] == unseen:
+                best = max(b if b < a else -1, c if c < a else -1)
+                bases[a] = best if best >= 0 else a - 1
+            a, b, c = b, c, a
+    for v in range(bases.shape[0]):
+        if bases[v] == unseen:
+            bases[v] = v - 1
+
+
+@kernel
+def delta_planes(values: Array, bases: Array, ordered: bool, planes: Array) -> None:
+    """Difference to the base's value, zigzag, and one plane per byte.
 
     values : (n, c) unsigned of 1 to 8 bytes; ordered : they are the bits of IEEE floats
+    bases : (n,) int32   an earlier row for each row; -1: the difference is to zero
     planes : (c, width, n) uint8   written; plane 0 holds the low bytes
     returns: nothing; errors : none, the caller gave planes the shape of values
     source : spec/stream.md, "Filters"
@@ -184,13 +204,14 @@ def delta_planes(values: Array, ordered: bool, planes: Array) -> None:
     sign = ONE << top
     mask = (sign - ONE) | sign
     for c in range(planes.shape[0]):
-        before = ZERO
         for i in range(values.shape[0]):
-            code = np.uint64(values[i, c])
+            code, base = np.uint64(values[i, c]), bases[i]
+            before = np.uint64(values[base, c]) if base >= 0 else ZERO
             if ordered:
                 code = (~code & mask) if code & sign else code | sign
+                if base >= 0:
+                    before = (~before & mask) if before & sign else before | sign
             step = (code - before) & mask
-            before = code
             zigzag = ((step << ONE) ^ (ZERO - (step >> top))) & mask
             for byte in range(width):
                 planes[c, byte, i] = np.uint8(zigzag & LOW_BYTE)
@@ -198,10 +219,11 @@ def delta_planes(values: Array, ordered: bool, planes: Array) -> None:
 
 
 @kernel
-def undo_delta_planes(planes: Array, ordered: bool, values: Array) -> None:
+def undo_delta_planes(planes: Array, bases: Array, ordered: bool, values: Array) -> None:
     """Inverse of delta_planes.
 
-    planes : (c, width, n) uint8; ordered : values are the bits of IEEE floats
+    planes : (c, width, n) uint8; bases : (n,) int32, each below its own row
+    ordered : values are the bits of IEEE floats
     values : (n, c) unsigned of `width` bytes   written
     returns: nothing; errors : none, every input decodes to something
     source : spec/stream.md, "Filters"
@@ -211,12 +233,14 @@ def undo_delta_planes(planes: Array, ordered: bool, values: Array) -> None:
     sign = ONE << top
     mask = (sign - ONE) | sign
     for c in range(planes.shape[0]):
-        code = ZERO
         for i in range(values.shape[0]):
-            zigzag = ZERO
+            zigzag, base = ZERO, bases[i]
             for byte in range(width):
                 zigzag |= np.uint64(planes[c, byte, i]) << np.uint64(8 * byte)
-            code = (code + ((zigzag >> ONE) ^ (ZERO - (zigzag & ONE)))) & mask
+            before = np.uint64(values[base, c]) if base >= 0 else ZERO
+            if ordered and base >= 0:
+                before = (~before & mask) if before & sign else before | sign
+            code = (before + ((zigzag >> ONE) ^ (ZERO - (zigzag & ONE)))) & mask
             if ordered:
                 values[i, c] = code ^ sign if code & sign else ~code & mask
             else:
@@ -252,7 +276,7 @@ def undo_first_use_planes(planes: Array, vertices: int, indices: Array) -> int:
     """
     mark = 0
     for i in range(indices.shape[0]):
-        code = np.int64(planes[0, i]) | np.int64(planes[1, i]) << 8
+        code = int(planes[0, i]) | int(planes[1, i]) << 8
         index = mark - code
         if code == 0:
             if mark < vertices:

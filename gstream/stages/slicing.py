@@ -286,14 +286,18 @@ def warm_slicing() -> None:
     slots[:] = EMPTY
     indexing.weld_chunk(np.zeros((3, 3), np.uint32), 4, slots, ids, local)
     indexing.first_use_planes(local.ravel(), np.zeros((2, 3), np.uint8))
+    bases = np.empty(3, np.int32)
+    indexing.corner_bases(local, bases)
     for type_, width in ((np.float32, 4), (np.float64, 8)):
         points = np.zeros((3, 3), type_)
         indexing.count_degenerate(points, local)
-        indexing.delta_planes(points.view(f"u{width}"), True, np.zeros((3, width, 3), np.uint8))
+        planes = np.zeros((3, width, 3), np.uint8)
+        indexing.delta_planes(points.view(f"u{width}"), bases, True, planes)
         for start in (0, 1):  # an array in a file may start at any byte
             data = np.zeros(40 * width, np.uint8)
             data.flags.writeable = False
             for stride in (3 * width, 4 * width):
                 rows: Array = np.ndarray((3, 3), type_, data, start, (stride, width))
                 indexing.gather_rows(rows, np.zeros(1, np.int64), points[:1])
-    indexing.delta_planes(np.zeros((2, 4), np.uint8), False, np.zeros((4, 1, 2), np.uint8))
+    colours, planes = np.zeros((3, 4), np.uint8), np.zeros((4, 1, 3), np.uint8)
+    indexing.delta_planes(colours, bases, False, planes)

@@ -1,0 +1,251 @@
+"""Packing and unpacking one chunk of a geometry stream.
+
+spec/stream.md, "Parts". The head and its records are in stream_chunk.py.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gstream.formats import stream_filters
+from gstream.formats.framing import (
+    CODEC_CONSTANT,
+    CODEC_LZ4,
+    CODEC_RAW,
+    compress,
+    crc32,
+    decompress,
+)
+from gstream.formats.stream_chunk import (
+    COLOUR,
+    DOMAIN_CORNER,
+    DOMAIN_VERTEX,
+    DOMAINS,
+    DTYPES,
+    INDEX,
+    KNOWN,
+    NORMAL,
+    POSITION_F4,
+    POSITION_F8,
+    Array,
+    Attribute,
+    Chunk,
+    ChunkHead,
+    Part,
+    Place,
+)
+from gstream.formats.stream_filters import (
+    FILTER_CORNER_DELTA,
+    FILTER_DELTA,
+    FILTER_FIRST_USE,
+    FILTER_NONE,
+    FILTER_ORDERED_CORNER_DELTA,
+    FILTER_ORDERED_DELTA,
+    Filters,
+    rows_before,
+)
+
+
+def encode_chunk(chunk: Chunk, lz4: str, filters: Filters = stream_filters) -> bytes:
+    """Head and payload of one chunk; lz4: fast | hc."""
+    payload: list[bytes] = []
+    parts: list[Part] = []
+    bases: Array | None = None
+    if chunk.triangles is not None:
+        bases = np.empty(len(chunk.positions), np.int32)
+        filters.corner_bases(chunk.triangles, bases)
+    for attribute, domain, values in _values(chunk):
+        near = bases if domain == DOMAIN_VERTEX else None
+        part, stored = _encode_part(attribute, domain, values, near, lz4, filters)
+        parts.append(part)
+        payload.append(stored)
+    head = ChunkHead(
+        index_bytes=0 if chunk.triangles is None else 2,
+        triangles=chunk.triangle_count,
+        vertices=len(chunk.positions),
+        source=chunk.source,
+        payload=sum(map(len, payload)),
+        non_finite=chunk.non_finite,
+        degenerate=chunk.degenerate,
+        box=tight_box(chunk.positions),
+        parts=tuple(parts),
+    )
+    return b"".join([head.write(), *payload])
+
+
+def tight_box(positions: Array) -> tuple[float, ...]:
+    """Low x y z and high x y z as float64; zeros for no vertices, and a zero is always +0.0."""
+    if not len(positions):
+        return (0.0,) * 6
+    columns = np.ascontiguousarray(
+        positions.T
+    )  # min over a long axis is vectorised: 8 times faster
+    low, high = columns.min(axis=1), columns.max(axis=1)
+    return tuple(float(value) + 0.0 for value in (*low, *high))
+
+
+def position_attribute(positions: Array) -> Attribute:
+    return POSITION_F8 if positions.dtype == np.float64 else POSITION_F4
+
+
+def _values(chunk: Chunk) -> Iterator[tuple[Attribute, int, Array]]:
+    if chunk.triangles is not None:
+        yield INDEX, DOMAIN_CORNER, chunk.triangles.reshape(-1, 1)
+    yield position_attribute(chunk.positions), DOMAIN_VERTEX, chunk.positions
+    if chunk.normals is not None:
+        yield NORMAL, DOMAIN_VERTEX, chunk.normals
+    if chunk.colours is not None:
+        yield COLOUR, chunk.colour_domain, chunk.colours
+
+
+def _encode_part(
+    attribute: Attribute,
+    domain: int,
+    values: Array,
+    bases: Array | None,
+    lz4: str,
+    filters: Filters,
+) -> tuple[Part, bytes]:
+    values = np.ascontiguousarray(values, DTYPES[attribute.dtype])
+    bits = values.view(f"<u{values.itemsize}")
+    filter_, codec, stored, raw = FILTER_NONE, CODEC_RAW, b"", values.nbytes
+    if attribute is not INDEX and _constant(bits):
+        codec, stored = CODEC_CONSTANT, bits[0].tobytes()
+        raw = len(stored)
+    elif len(bits) > 1:
+        filter_, planes = _filtered(attribute, bits, bases, filters)
+        codec, stored = CODEC_LZ4, compress(planes.data, lz4)
+    if codec == CODEC_RAW or (codec == CODEC_LZ4 and len(stored) >= raw):
+        filter_, codec, stored = FILTER_NONE, CODEC_RAW, values.tobytes()
+    return Part(attribute.id, domain, filter_, codec, len(stored), raw, crc32(stored)), stored
+
+
+def _constant(bits: Array) -> bool:
+    return len(bits) > 1 and bool((bits[1] == bits[0]).all() and (bits == bits[0]).all())
+
+
+def _filtered(
+    attribute: Attribute, bits: Array, bases: Array | None, filters: Filters
+) -> tuple[int, Array]:
+    planes = np.empty((bits.shape[1], bits.itemsize, len(bits)), np.uint8)
+    if attribute is INDEX:
+        filters.first_use_planes(bits[:, 0], planes[0])
+        return FILTER_FIRST_USE, planes
+    ordered = DTYPES[attribute.dtype][1] == "f"
+    if bases is None:
+        filters.delta_planes(bits, rows_before(len(bits)), ordered, planes)
+        return (FILTER_ORDERED_DELTA if ordered else FILTER_DELTA), planes
+    filters.delta_planes(bits, bases, ordered, planes)
+    return (FILTER_ORDERED_CORNER_DELTA if ordered else FILTER_CORNER_DELTA), planes
+
+
+def decode_chunk(
+    data: bytes,
+    path: str,
+    at: int,
+    wanted: frozenset[str] = frozenset({"normal", "colour"}),
+    filters: Filters = stream_filters,
+) -> Chunk:
+    """Unpack the chunk in `data`, which lies at byte `at` of `path`; what is not wanted is None.
+
+    errors: CorruptFileError; UnsupportedError for an unknown filter or codec of what is wanted
+    """
+    head = ChunkHead.read(data, path, at)
+    if len(data) != head.size + head.payload:
+        raise CorruptFileError("GST-0110", path, at, "the file ends inside a chunk")
+    found: dict[str, Array] = {}
+    domains: dict[str, int] = {}
+    offset = head.size
+    for part in head.parts:
+        attribute = KNOWN.get(part.attribute)
+        if attribute and attribute.name in wanted | {"index", "position"}:
+            where = Place(path, at + offset)
+            stored = memoryview(data)[offset : offset + part.stored]
+            index = found.get("index")
+            values = decode_part(head, part, attribute, stored, index, where, filters)
+            domains[attribute.name], found[attribute.name] = part.domain, values
+        offset += part.stored
+    index = found.get("index")
+    return Chunk(
+        positions=found["position"],
+        triangles=None if index is None else index.reshape(-1, 3),
+        normals=found.get("normal"),
+        colours=found.get("colour"),
+        colour_domain=domains.get("colour", DOMAIN_VERTEX),
+        source=head.source,
+        non_finite=head.non_finite,
+        degenerate=head.degenerate,
+    )
+
+
+def decode_part(
+    head: ChunkHead,
+    part: Part,
+    attribute: Attribute,
+    stored: memoryview,
+    index: Array | None,
+    where: Place,
+    filters: Filters = stream_filters,
+) -> Array:
+    """The (n, components) values of one part; index: those of the chunk, where it has any."""
+    if crc32(stored) != part.crc:
+        raise where.corrupt("GST-0111", f"the CRC of a {attribute.name} part is wrong")
+    if part.domain not in DOMAINS[attribute.name]:
+        raise where.unsupported(f"{attribute.name} in domain {part.domain}")
+    count = (head.vertices, 3 * head.triangles, head.triangles, 1)[part.domain]
+    dtype = np.dtype(DTYPES[attribute.dtype])
+    raw = attribute.value_bytes * (1 if part.codec == CODEC_CONSTANT else count)
+    if part.raw != raw:
+        said = f"a {attribute.name} part states {part.raw} bytes where {raw} are needed"
+        raise where.corrupt("GST-0107", said)
+    data = _unpack(part, stored, where)
+    values = np.empty((count, attribute.components), dtype)
+    if part.filter == FILTER_NONE:
+        values[:] = np.frombuffer(data, dtype).reshape(-1, attribute.components)
+    else:
+        planes = np.frombuffer(data, np.uint8).reshape(attribute.components, dtype.itemsize, count)
+        bits = values.view(f"<u{dtype.itemsize}")
+        if attribute is INDEX:
+            _undo_index(part, planes[0], bits[:, 0], head.vertices, where, filters)
+        else:
+            _undo_delta(part, planes, bits, index, where, filters)
+    if attribute is INDEX and count and int(values.max()) >= head.vertices:
+        said = f"vertex {int(values.max())} of {head.vertices} is named"
+        raise where.corrupt("GST-0112", said)
+    return values
+
+
+def _unpack(part: Part, stored: memoryview, where: Place) -> bytes | memoryview:
+    if part.codec == CODEC_LZ4:
+        return decompress(stored, part.raw, "GST-0113", where.path, where.at)
+    if part.codec not in (CODEC_RAW, CODEC_CONSTANT):
+        raise where.unsupported(f"codec {part.codec}")
+    if part.stored != part.raw or (part.codec == CODEC_CONSTANT and part.filter != FILTER_NONE):
+        raise where.corrupt("GST-0107", "a part that is not packed has another length")
+    return stored
+
+
+def _undo_index(
+    part: Part, planes: Array, indices: Array, vertices: int, where: Place, filters: Filters
+) -> None:
+    if part.filter != FILTER_FIRST_USE:
+        raise where.unsupported(f"index filter {part.filter}")
+    used = filters.undo_first_use_planes(planes, vertices, indices)
+    if used != vertices:
+        said = f"the indices use {used} of {vertices} vertices" if used >= 0 else "a broken index"
+        raise where.corrupt("GST-0114", said)
+
+
+def _undo_delta(
+    part: Part, planes: Array, bits: Array, index: Array | None, where: Place, filters: Filters
+) -> None:
+    near = part.filter in (FILTER_CORNER_DELTA, FILTER_ORDERED_CORNER_DELTA)
+    if not near and part.filter not in (FILTER_DELTA, FILTER_ORDERED_DELTA):
+        raise where.unsupported(f"filter {part.filter}")
+    bases = rows_before(len(bits))
+    if near:
+        if index is None or part.domain != DOMAIN_VERTEX:
+            raise where.corrupt("GST-0107", "a corner delta without indices")
+        filters.corner_bases(index.reshape(-1, 3), bases)
+    ordered = part.filter in (FILTER_ORDERED_DELTA, FILTER_ORDERED_CORNER_DELTA)
+    filters.undo_delta_planes(planes, bases, ordered, bits)
