@@ -5,7 +5,6 @@ from typing import Any
 
 import click
 
-from gstream.errors import UsageError
 from gstream.job import IngestSettings, VoxelizeSettings
 from gstream.run import commands
 from gstream.run.commands import Request
@@ -99,8 +98,6 @@ def _ingest(inputs: tuple[str, ...], values: dict[str, Any]) -> IngestSettings:
 
 
 def _voxelize(values: dict[str, Any]) -> VoxelizeSettings:
-    if values["resolution"] is None and values["voxel_size"] is None:
-        raise UsageError("the voxels have no size", "give --resolution N or --voxel-size H")
     return VoxelizeSettings(
         sep=values["sep"],
         ties=values["ties"],

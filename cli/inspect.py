@@ -10,8 +10,8 @@ from gstream.errors import CorruptFileError
 from gstream.run.commands import RunOptions, check_paths
 
 from . import options
-from .facts import facts, kind_of
-from .progress import watch
+from .facts import facts
+from .progress import Blocks, watch
 
 file_argument = click.argument("path", metavar="FILE")
 
@@ -52,17 +52,21 @@ def check(path: str, quick: bool, as_json: bool, quiet: bool) -> int:
     """
     from gstream.check import check_file
 
-    kind_of(path)
-    with watch(quiet or as_json) as progress:
-        report = check_file(path, quick, progress)
+    with watch(quiet or as_json) as watcher:
+        report = check_file(path, quick, Blocks(watcher, "check"))
     if as_json:
         click.echo(json.dumps(report.as_dict(), indent=1))
     else:
         for finding in report.findings:
-            click.echo(str(finding))
-        for line in report.summary():
-            click.echo(line)
-    return CorruptFileError.exit_code if report.findings else 0
+            click.echo(f"{finding.rule} {finding.severity} {finding.place}: {finding.said}")
+        how = ", structure and indexes" if quick else ""
+        click.echo(f"{path}: {report.format}{how}: {'valid' if report.ok else 'INVALID'}")
+    if report.ok:
+        return 0
+    rules = ", ".join(sorted(report.counts))
+    said = f"gstream: {path}: {report.errors} errors against {rules}; rebuild or recopy the file"
+    click.echo(said, err=True)
+    return CorruptFileError.exit_code
 
 
 @click.command()

@@ -7,6 +7,7 @@ from typing import Self, TextIO
 from gstream.run.progress import Silent
 
 LINE_SECONDS = 2.0
+BLOCKS_SECONDS = 0.1
 
 
 class Lines:
@@ -33,8 +34,8 @@ class Lines:
         self._units, self._cost = units, cost
         self._done, self._done_cost = 0, 0.0
 
-    def unit_done(self, stage: str, cost: float) -> None:
-        self._done += 1
+    def unit_done(self, stage: str, cost: float, units: int = 1) -> None:
+        self._done += units
         self._done_cost += cost
         spent = time.monotonic() - self._began
         rate = self._done / max(spent, 1e-9)
@@ -92,8 +93,8 @@ class Bars:
         total = max(cost, 1e-9)
         self._task = self._bars.add_task(stage, total=total, units=units, done=0, rate="")
 
-    def unit_done(self, stage: str, cost: float) -> None:
-        self._done += 1
+    def unit_done(self, stage: str, cost: float, units: int = 1) -> None:
+        self._done += units
         rate = self._done / max(time.monotonic() - self._began, 1e-9)
         self._bars.update(self._task, advance=cost, done=self._done, rate=f"{rate:.1f}/s")
 
@@ -111,8 +112,32 @@ class Quiet(Silent):
     def __exit__(self, *_: object) -> None:
         pass
 
+    def unit_done(self, stage: str, cost: float, units: int = 1) -> None:
+        pass
 
-def watch(quiet: bool) -> Lines | Bars | Quiet:
+
+Watcher = Lines | Bars | Quiet
+
+
+class Blocks:
+    """Called with (done, all) for each of millions of blocks; shows ten steps a second."""
+
+    def __init__(self, watcher: Watcher, stage: str) -> None:
+        self._watcher, self._stage = watcher, stage
+        self._told_at = 0.0
+        self._done: int | None = None
+
+    def __call__(self, done: int, total: int) -> None:
+        if self._done is None:
+            self._watcher.stage_begins(self._stage, total, float(total))
+            self._done = 0
+        now = time.monotonic()
+        if now - self._told_at > BLOCKS_SECONDS or done == total:
+            self._watcher.unit_done(self._stage, float(done - self._done), done - self._done)
+            self._told_at, self._done = now, done
+
+
+def watch(quiet: bool) -> Watcher:
     """The progress that fits stderr, as a context manager."""
     if quiet:
         return Quiet()

@@ -193,7 +193,8 @@ def check_voxelize(settings: VoxelizeSettings) -> None:
     """errors : UsageError for a number that no grid can have."""
     resolution, size = settings.resolution, settings.voxel_size
     if (resolution is None) == (size is None):
-        raise UsageError("the voxels have no size", "give either --resolution or --voxel-size")
+        count = "no size" if size is None else "two sizes"
+        raise UsageError(f"the voxels have {count}", "give either --resolution or --voxel-size")
     if resolution is not None and not 1 <= resolution <= MAX_RESOLUTION:
         said = f"--resolution {resolution} is out of range"
         raise UsageError(said, f"give 1 to {MAX_RESOLUTION} voxels per axis")
