@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gstream.errors import CorruptFileError, UnsupportedError, UsageError
 from gstream.formats import filters as plain
 from gstream.formats.blockhead import BlockFileHeader, Head, parse_head
-from gstream.formats.columns import ColumnSpec, decode_column
+from gstream.formats.columns import COLUMN_IDS, ColumnSpec, decode_column
 from gstream.formats.directory import HEAD_BYTES, STATE_DATA
 from gstream.formats.filters import Filters
 from gstream.formats.framing import crc32
@@ -295,7 +295,7 @@ class BlockView:
 
     def stored(self, name: str) -> bytes:
         """The stored bytes of one column, their CRC checked (GSB-0411)."""
-        record = self._record(name)
+        record = self.entry[name]
         offset = int(record["offset"])
         data = self.file.read_range(offset, int(record["stored"]))
         if data and crc32(data) != record["crc"]:
@@ -327,6 +327,9 @@ class BlockView:
         if name not in self.file.specs:
             remedy = f"the file stores {', '.join(self.file.columns)}"
             raise UnsupportedError(self.file.path, f"there is no column {name!r}", remedy)
+        if self.file.specs[name].id not in COLUMN_IDS:
+            said = f"column {name!r} is of a kind that this release does not know"
+            raise UnsupportedError(self.file.path, said, "upgrade gstream")
         return self.entry[name]
 
     def positions(self) -> U32:

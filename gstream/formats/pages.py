@@ -113,6 +113,17 @@ class Directory:
             return range(0)
         return range(self._page_at(rank(level, 0)), self._page_at(rank(level, 2**48 - 1)) + 1)
 
+    def between(self, level: int, first: int, last: int) -> Rows:
+        """The entries of one level with keys from first to last, both inclusive."""
+        parts = [np.empty(0, self._dtype)]
+        if self._head.levels["blocks"][level] and first <= last:
+            low, high = rank(level, first), rank(level, last)
+            for number in range(self._page_at(low), self._page_at(high) + 1):
+                page = self.page(number)
+                ranks = rank(page["level"], page["key"])
+                parts.append(page[(ranks >= low) & (ranks <= high)])
+        return np.concatenate(parts)
+
     def find(self, level: int, key: int) -> Any | None:
         """The entry of one block, or None; at most one table page and one page are read."""
         wanted = rank(level, key)
@@ -158,8 +169,9 @@ def check_entries(rows: Rows, head: Head, path: str, at: int) -> None:
     inside = (rows["key"] >> np.uint64(48) == 0) & (decode_morton(rows["key"]) < wide).all(axis=1)
     refuse("GSB-0305", (rows["level"] != level) | ~inside, "is outside the grid")
     bounds = (rows["low"] > rows["high"]).any(axis=1) | (rows["high"] >= edge).any(axis=1)
-    count = (rows["count"] > edge**3) | (data & (rows["count"] == 0)) | (rows["state"] > STATE_DATA)
-    refuse("GSB-0305", count | bounds, "has an impossible state, count or bounds")
+    refuse("GSB-0305", bounds | (rows["state"] > STATE_DATA), "has an impossible state or bounds")
+    count = (rows["count"] > edge**3) | (data & (rows["count"] == 0))
+    refuse("GSB-0409", count, "has no voxels, or more than its volume")
     refuse("GSB-0305", (rows["level"] == 0) & (rows["children"] != 0), "has children at level 0")
     spare = rows["zero"].any(axis=1) | (rows["flags"] != 0)
     spare |= stacked(rows, head.columns, "zero").any(axis=(1, 2))

@@ -1,0 +1,416 @@
+"""`check` on block files: sound ones, a damaged one per rule, every bit flip and truncation."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from struct import Struct
+from zlib import crc32
+
+import numpy as np
+import pytest
+from small_block_files import ALL, Paging, Scene, file_bytes, random_scene
+
+import gstream.formats.blockfile
+from gstream.blockcheck import iter_findings
+from gstream.check import KEPT, RULES, check_file
+from gstream.errors import CorruptFileError, GstreamError, UnsupportedError, UsageError
+from gstream.formats.directory import entry_dtype
+from gstream.formats.framing import CODEC_CONSTANT, CODEC_LZ4, CODEC_RAW
+from gstream.formats.pages import Directory
+from gstream.read import open_block_file
+
+HEAD = 65_536
+SPEC = Path(__file__).parents[2] / "spec" / "blockfile.md"
+SECTION = Struct("<4sIQQI4x")
+
+
+class Patch:
+    """A block file whose bytes are changed, and whose CRCs are then made right again."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = bytearray(data)
+        self.columns = open_block_file(data).head.columns
+        self.sections = {}
+        for i in range(data[238]):
+            kind, _, offset, length, _ = SECTION.unpack_from(data, 256 + 32 * i)
+            self.sections[kind.decode()] = (offset, length)
+        at, length = self.sections["PAGE"]
+        self.page_records = np.frombuffer(self.data, "<u8", length // 8, at).reshape(-1, 4)
+
+    @property
+    def entries(self) -> np.ndarray:
+        """The entries of page 0 of a file of depth 1, writable."""
+        at = int(self.page_records[0, 2])
+        count = int(self.page_records[0, 0] >> 32)
+        return np.frombuffer(self.data, entry_dtype(self.columns), count, at)
+
+    def at(self, offset: int, value: bytes) -> "Patch":
+        self.data[offset : offset + len(value)] = value
+        return self
+
+    def flip(self, offset: int) -> "Patch":
+        self.data[offset] ^= 1
+        return self
+
+    def entry(self, row: int, field: str, value: object, column: str = "") -> "Patch":
+        target = self.entries[column] if column else self.entries
+        target[field][row] = value
+        return self
+
+    def payload(self, row: int, column: str, value: bytes) -> "Patch":
+        """Overwrite the first stored bytes of a column, and set its CRC."""
+        record = self.entries[column][row : row + 1]
+        offset, stored = int(record["offset"][0]), int(record["stored"][0])
+        self.at(offset, value)
+        record["crc"] = crc32(self.data[offset : offset + stored])
+        return self
+
+    def sealed(self) -> bytes:
+        """The file with the CRCs of pages (of depth 1), head and tail made right."""
+        if self.data[236] == 1:
+            for record in self.page_records:
+                at, length = int(record[2]), int(record[3] & 0xFFFFFFFF)
+                record[3] = length | crc32(self.data[at : at + length]) << 32
+        head = crc32(self.data[: HEAD - 4])
+        self.at(HEAD - 4, head.to_bytes(4, "little"))
+        tail = len(self.data) - 64
+        self.at(tail + 12, self.data[32:40]).at(tail + 20, self.data[40:56])
+        self.at(tail + 36, head.to_bytes(4, "little"))
+        self.at(len(self.data) - 4, crc32(self.data[tail:-4]).to_bytes(4, "little"))
+        return bytes(self.data)
+
+
+def tiny(**changes: object) -> Scene:
+    scene = random_scene(resolution=16, voxels=24, seed=5)
+    return replace(scene, **changes)
+
+
+ROOT = tiny().blocks[(1, 0)].count
+PLANES = 6 * ((ROOT + 7) // 8)
+
+
+def tiny_file(**arguments: object) -> bytes:
+    return file_bytes(tiny(), **arguments)
+
+
+def patch() -> Patch:
+    return Patch(tiny_file())
+
+
+def with_column(name: str, level: int, **fields: object) -> bytes:
+    """A file whose column of the first block of a level is replaced; its CRC is made right."""
+    changed: list[int] = []
+
+    def alter(at: int, key: int, encoded: dict) -> None:
+        if at == level and not changed:
+            column = replace(encoded[name], **fields)
+            encoded[name] = replace(column, crc=crc32(column.data) if column.data else 0)
+            changed.append(key)
+
+    return tiny_file(alter=alter)
+
+
+def with_root(name: str, change: Callable[[np.ndarray], np.ndarray]) -> bytes:
+    """A file whose coarsest block has another column than the LOD rule gives."""
+    scene = tiny()
+    top = (scene.header.levels - 1, 0)
+    scene.blocks[top] = replace(
+        scene.blocks[top], **{name: change(getattr(scene.blocks[top], name))}
+    )
+    return file_bytes(scene)
+
+
+def without_a_voxel() -> bytes:
+    scene = tiny()
+    root = scene.blocks[(1, 0)]
+    arrays = {name: getattr(root, name)[1:] for name in ALL[1:]}
+    scene.blocks[(1, 0)] = replace(root, morton=root.morton[1:], **arrays)
+    return file_bytes(scene)
+
+
+def with_rows(field: str, row: int, value: object) -> bytes:
+    def alter(rows: np.ndarray) -> np.ndarray:
+        rows[field][row] = value
+        return rows
+
+    return tiny_file(alter_rows=alter)
+
+
+def with_ledger(**ledger: object) -> bytes:
+    return file_bytes(tiny(ledger=ledger))
+
+
+def split_group() -> bytes:
+    with pytest.MonkeyPatch.context() as patched:
+        starts = np.array([0, 2, len(tiny().blocks)])
+        patched.setattr(gstream.formats.blockfile, "page_starts", lambda *_: starts)
+        return tiny_file()
+
+
+def empty_with_voxels() -> bytes:
+    return patch().entry(1, "state", 0).sealed()
+
+
+def wrong_level_table() -> bytes:
+    made = patch()
+    return made.at(made.sections["LEVL"][0] + 8, b"\7").sealed()
+
+
+def lower_resolution() -> bytes:
+    scene = tiny()
+    box = replace(scene.header, resolution=11)
+    return file_bytes(replace(scene, header=box))
+
+
+def section_place() -> bytes:
+    return patch().at(256 + 3 * 32 + 8, b"\xff").sealed()
+
+
+def renamed_column() -> bytes:
+    made = patch()
+    return made.at(made.sections["COLM"][0] + 32 + 8, b"musk").sealed()
+
+
+def broken_metadata() -> bytes:
+    made = patch()
+    return made.at(made.sections["META"][0], b"[").sealed()
+
+
+def no_rows_in_page() -> bytes:
+    made = patch()
+    return made.at(made.sections["PAGE"][0] + 4, bytes(4)).sealed()
+
+
+def other_first_key() -> bytes:
+    made = patch()
+    return made.at(made.sections["PAGE"][0] + 8, b"\1").sealed()
+
+
+DAMAGE: dict[str, Callable[[], bytes]] = {
+    "GSB-0101": lambda: bytes(patch().flip(1).data),
+    "GSB-0102": lambda: bytes(patch().flip(-20).data),
+    "GSB-0103": lambda: bytes(patch().flip(60).data),
+    "GSB-0104": lambda: patch().at(28, b"\1").sealed(),
+    "GSB-0105": lambda: patch().at(56, bytes(4)).sealed(),
+    "GSB-0106": lambda: patch().at(72, np.float64(np.nan).tobytes()).sealed(),
+    "GSB-0201": section_place,
+    "GSB-0202": lambda: bytes(Patch(tiny_file(extra=[(b"note", b"hello")])).flip(-65).data),
+    "GSB-0203": wrong_level_table,
+    "GSB-0204": renamed_column,
+    "GSB-0205": broken_metadata,
+    "GSB-0206": no_rows_in_page,
+    "GSB-0207": lambda: bytes(Patch(tiny_file(paging=Paging(8, 1, 1))).flip(HEAD + 9).data),
+    "GSB-0301": lambda: bytes(patch().flip(HEAD + 30).data),
+    "GSB-0302": other_first_key,
+    "GSB-0303": lambda: patch().entry(2, "key", 0).entry(1, "key", 7).sealed(),
+    "GSB-0304": split_group,
+    "GSB-0305": lambda: patch().entry(1, "high", 200).sealed(),
+    "GSB-0306": lambda: with_rows("children", -1, 1),
+    "GSB-0307": lambda: tiny_file(alter_rows=lambda rows: rows[rows["level"] == 0]),
+    "GSB-0308": empty_with_voxels,
+    "GSB-0309": lambda: patch().entry(1, "zero", 1).sealed(),
+    "GSB-0310": lambda: patch().at(224, b"\1").sealed(),
+    "GSB-0311": lambda: patch().entry(1, "codec", CODEC_CONSTANT, "occupancy").sealed(),
+    "GSB-0312": lambda: patch().entry(1, "offset", HEAD + 64, "occupancy").sealed(),
+    "GSB-0401": lambda: with_column("weight", 1, data=b"\xff\xff\xff", codec=CODEC_LZ4),
+    "GSB-0402": lambda: with_column("weight", 1, raw_bytes=5),
+    "GSB-0403": lambda: with_column(
+        "mask", 1, data=b"", codec=CODEC_CONSTANT, filter=0, constant=64
+    ),
+    "GSB-0404": lambda: with_column("mask", 1, filter=5),
+    "GSB-0405": lambda: with_column("mask", 1, data=b"\x40" * ROOT, codec=CODEC_RAW, filter=0),
+    "GSB-0406": lambda: with_column("mask", 1, data=b"\xff" * PLANES, codec=CODEC_RAW, filter=2),
+    "GSB-0407": lambda: patch().payload(0, "occupancy", b"\0").sealed(),
+    "GSB-0408": lambda: patch().payload(0, "occupancy", b"\x01").sealed(),
+    "GSB-0409": lambda: patch().entry(1, "count", 513).sealed(),
+    "GSB-0410": lambda: with_root("mask", lambda mask: mask * 0),
+    "GSB-0411": lambda: bytes(patch().flip(-65).data),
+    "GSB-0412": lambda: patch().entry(1, "codec", 9, "mask").sealed(),
+    "GSB-0501": lambda: with_rows("low", -1, 0),
+    "GSB-0502": lower_resolution,
+    "GSB-0503": without_a_voxel,
+    "GSB-0504": lambda: with_root("mask", lambda mask: np.where(mask == 63, 62, 63).astype("u1")),
+    "GSB-0505": lambda: with_root("normal", lambda normal: np.roll(normal, 1, axis=0)),
+    "GSB-0506": lambda: with_root("colour", lambda colour: colour ^ 1),
+    "GSB-0507": lambda: with_root("weight", lambda weight: weight + 1),
+    "GSB-0508": lambda: tiny_file(kept=ALL[:-1]),
+    "GSB-0509": lambda: patch().at(40, b"0123").sealed(),
+    "GSB-0601": lambda: with_ledger(triangles=3, assigned=2),
+    "GSB-0602": lambda: patch_voxels(),
+    "GSB-0603": lambda: with_ledger(triangles=1, assigned=1, degenerate=2),
+}
+
+
+def patch_voxels() -> bytes:
+    made = patch()
+    at, length = made.sections["META"]
+    text = bytes(made.data[at : at + length])
+    digit = text.index(b'"voxels":[') + len(b'"voxels":[')
+    return made.at(at + digit, b"9").sealed()
+
+
+def rules_of(data: bytes) -> set[str]:
+    return {finding.rule for finding in iter_findings(data)}
+
+
+def test_sound_files_have_no_findings():
+    for scene in (
+        tiny(),
+        random_scene(12, 3, 60, 1),
+        random_scene(40, 3, 900, 2, weighting="count"),
+    ):
+        assert list(iter_findings(file_bytes(scene))) == []
+
+
+def test_a_file_of_many_pages_and_table_pages_has_no_findings():
+    scene = random_scene(64, 3, 900, 3)
+    for paging in (Paging(8), Paging(8, 4, 5), Paging(64, 1, 1)):
+        assert list(iter_findings(file_bytes(scene, paging=paging))) == []
+
+
+def test_a_scene_without_voxels_and_one_without_levels_of_detail_are_sound():
+    nothing = replace(tiny(), blocks={})
+    assert list(iter_findings(file_bytes(nothing))) == []
+    assert list(iter_findings(file_bytes(random_scene(lod=False)))) == []
+
+
+def test_an_unknown_ancillary_section_is_sound():
+    assert list(iter_findings(tiny_file(extra=[(b"note", b"x" * 9), (b"more", b"")]))) == []
+
+
+@pytest.mark.parametrize("rule", sorted(DAMAGE))
+def test_the_damaged_file_of_each_rule_is_found_by_that_rule(rule):
+    assert rule in rules_of(DAMAGE[rule]())
+
+
+def test_every_rule_has_a_damaged_file():
+    assert {rule.id for rule in RULES} == set(DAMAGE)
+
+
+def test_findings_have_the_severity_of_their_rule():
+    severity = {rule.id: rule.severity for rule in RULES}
+    for make in DAMAGE.values():
+        for finding in iter_findings(make()):
+            assert finding.severity == severity[finding.rule]
+
+
+def test_the_spec_lists_the_same_rules_word_for_word():
+    listed = re.findall(
+        r"^\| (GSB-\d{4}) \| (\w+) \| (.+?) \| ([\d.]+) \|$", SPEC.read_text(), re.M
+    )
+    assert listed == [(r.id, r.severity, r.sentence, r.section) for r in RULES]
+
+
+@pytest.mark.parametrize(("at", "value"), [(12, b"\2"), (16, b"\1")])
+def test_a_newer_version_or_unknown_incompatible_feature_is_unsupported(at, value):
+    with pytest.raises(UnsupportedError):
+        list(iter_findings(patch().at(at, value).sealed()))
+
+
+def test_an_unknown_critical_section_is_unsupported():
+    made = Patch(tiny_file(extra=[(b"note", b"hello")]))
+    with pytest.raises(UnsupportedError):
+        list(iter_findings(made.at(256 + 4 * 32 + 4, b"\1").sealed()))
+
+
+@pytest.mark.parametrize("at", [20, 24])
+def test_unknown_read_only_and_ignorable_features_are_read(at):
+    assert list(iter_findings(patch().at(at, b"\1").sealed())) == []
+
+
+def caught(data: bytes, quick: bool = False) -> bool:
+    """Whether check finds fault; any error but a GstreamError fails the test."""
+    try:
+        return bool(list(iter_findings(data, quick)))
+    except GstreamError:
+        return True
+
+
+def test_every_single_bit_flip_of_the_body_and_tail_is_found():
+    data = file_bytes(random_scene(resolution=16, voxels=3, seed=5, names=ALL[:3]), kept=ALL[:3])
+    for bit in range(8 * HEAD, 8 * len(data)):
+        damaged = bytearray(data)
+        damaged[bit // 8] ^= 1 << bit % 8
+        assert caught(bytes(damaged)), f"bit {bit}"
+
+
+def test_every_single_bit_flip_of_the_head_is_found():
+    data = tiny_file()
+    for bit in [
+        *range(8 * 1024),
+        *range(8 * 1024, 8 * HEAD, 1009),
+        *range(8 * HEAD - 64, 8 * HEAD),
+    ]:
+        damaged = bytearray(data)
+        damaged[bit // 8] ^= 1 << bit % 8
+        assert caught(bytes(damaged), quick=True), f"bit {bit}"
+
+
+def test_every_truncation_is_found():
+    data = tiny_file()
+    for size in [*range(0, HEAD, 997), *range(HEAD - 8, len(data))]:
+        assert caught(data[:size], quick=True), f"{size} bytes"
+    assert caught(data + b"\0", quick=True)
+
+
+def test_random_bytes_with_right_crcs_raise_only_gstream_errors():
+    rng = np.random.default_rng(11)
+    made = patch()
+    spots = [*range(12, 256), *range(256, 1024), *range(HEAD, HEAD + len(made.entries.tobytes()))]
+    for _ in range(400):
+        made = patch()
+        for spot in rng.choice(spots, 3):
+            made.at(int(spot), bytes([rng.choice([0, 1, 127, 255, int(rng.integers(256))])]))
+        caught(made.sealed())
+
+
+def test_a_report_keeps_a_few_findings_of_a_rule_and_counts_all(tmp_path):
+    scene = random_scene(64, 3, 900, 3)
+    for key, block in scene.blocks.items():
+        scene.blocks[key] = replace(block, mask=block.mask * 0)
+    path = tmp_path / "bad.gsb"
+    path.write_bytes(file_bytes(scene))
+    report = check_file(path)
+    assert not report.ok
+    assert report.counts["GSB-0410"] == len(scene.blocks)
+    assert sum(finding.rule == "GSB-0410" for finding in report.findings) == KEPT
+    assert report.as_dict()["counts"]["GSB-0410"] == len(scene.blocks)
+
+
+def test_quick_reads_no_payload(tmp_path):
+    path = tmp_path / "bad.gsb"
+    path.write_bytes(DAMAGE["GSB-0411"]())
+    assert check_file(path, quick=True).ok
+    assert not check_file(path).ok
+
+
+def test_check_holds_a_bounded_number_of_pages(monkeypatch):
+    monkeypatch.setattr("gstream.formats.pages.CACHED_PAGES", 3)
+    most = []
+    page = Directory.page
+
+    def counting(self, number):
+        rows = page(self, number)
+        most.append(len(self._pages))
+        return rows
+
+    monkeypatch.setattr(Directory, "page", counting)
+    assert not list(iter_findings(file_bytes(random_scene(64, 3, 900, 3), paging=Paging(8))))
+    assert max(most) <= 3
+
+
+def test_neither_kind_of_file_and_no_file_are_errors(tmp_path):
+    path = tmp_path / "note.txt"
+    path.write_text("hello")
+    with pytest.raises(CorruptFileError):
+        check_file(path)
+    with pytest.raises(UsageError):
+        check_file(tmp_path / "missing.gsb")
+
+
+def test_check_does_not_import_numba():
+    code = "import sys, gstream.check; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
