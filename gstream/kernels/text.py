@@ -140,15 +140,19 @@ def parse_facets(text, first, stop, corners, slow):
     """
     facets, waiting, kept = 0, 0, first  # `kept`: the end of the last whole line outside facets
     at, seen, inside, skip, slow_in = first, 0, False, 0, 0
+    word = ENDFACET
     while True:
-        start, end, _ = next_token(text, at, stop, False)
+        start, end, ended = next_token(text, at, stop, False)
         if end >= stop:
             return facets, waiting, kept, MORE_TEXT, start
-        at = end
+        at, before = end, word
         if skip > 0:
             skip -= 1
             continue
         word = _stl_word(text, start, end)
+        if word == OTHER and not ended and (before == ENDFACET or before == ENDLOOP):
+            at, word = _skip_line(text, end, stop), before
+            continue
         if word == VERTEX and inside and seen < 3:
             for axis in range(3):
                 start, end, _ = next_token(text, at, stop, False)

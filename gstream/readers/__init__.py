@@ -6,7 +6,8 @@ import stat
 from pathlib import Path
 
 from gstream.errors import InputError, UsageError
-from gstream.readers import off, ply, stl, stl_text
+from gstream.readers import obj, off, ply, stl, stl_text
+from gstream.readers.inflate import inflate
 from gstream.readers.mesh import Mesh
 from gstream.readers.scratch import Spill
 
@@ -24,36 +25,46 @@ def open_mesh(path: Path, spill: Spill) -> Mesh:
     Raises UsageError when the path cannot be read, InputError when its content cannot be.
     """
     name = str(path)
-    match sniff(path):
-        case "ply":
-            mesh = ply.open_ply(path, name, spill)
-        case "stl binary":
-            mesh = stl.open_binary(path, name)
-        case "stl ascii":
-            mesh = stl_text.open_text(path, name, spill)
-        case "off":
-            mesh = off.open_off(path, name, spill)
-        case _:
-            raise NotImplementedError
+    kind, plain = sniff(path, name, path.suffix), path
+    if kind == "gz":
+        plain = inflate(path, name, spill("inflated"))
+        kind = sniff(plain, name, Path(path.stem).suffix)
+    mesh = _open(kind, plain, name, path.parent, spill)
+    if plain is not path and not mesh.lies_in(plain):
+        plain.unlink()
     if mesh.triangle_count == 0:
-        thin = f" of 3 vertices or more ({mesh.skipped_faces} smaller ones)" if mesh.skipped_faces else ""
-        raise InputError(name, "", f"has no faces{thin}", "give a mesh with triangles")
+        said = f"has no faces of three vertices or more ({mesh.skipped_faces} points, lines or smaller)"
+        raise InputError(name, "", said, "give a mesh with triangles")
     return mesh
 
 
+def _open(kind: str, path: Path, name: str, folder: Path, spill: Spill) -> Mesh:
+    match kind:
+        case "ply":
+            return ply.open_ply(path, name, spill)
+        case "stl binary":
+            return stl.open_binary(path, name)
+        case "stl ascii":
+            return stl_text.open_text(path, name, spill)
+        case "off":
+            return off.open_off(path, name, spill)
+        case "obj":
+            return obj.open_obj(path, name, folder, spill)
+    raise InputError(name, "", "is compressed twice", "decompress it once")
+
+
 def needs_spill(path: Path) -> bool:
-    """Whether open_mesh will write scratch files, from the file's head alone."""
-    kind = sniff(path)
+    """Whether open_mesh will write scratch files, from the file's head and a glance at its faces."""
+    kind = sniff(path, str(path), path.suffix)
     if kind == "ply":
         return ply.needs_spill(path, str(path))
     return kind != "stl binary"
 
 
-def sniff(path: Path) -> str:
-    """The format: gz, ply, stl binary, stl ascii, obj or off."""
-    name = str(path)
+def sniff(path: Path, name: str, suffix: str) -> str:
+    """The format: gz, ply, stl binary, stl ascii, obj or off; `suffix` decides when content cannot."""
     head, size = _head(path)
-    suffix = path.suffix.lower()
+    suffix = suffix.lower()
     if not size:
         raise InputError(name, "", "is empty", "copy the file again")
     if head.startswith(b"\x1f\x8b"):

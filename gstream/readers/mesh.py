@@ -68,6 +68,12 @@ class Mesh:
         rows = self.positions.shape[0]
         return rows if self.triangles is not None else 3 * rows
 
+    def lies_in(self, path: str | os.PathLike[str]) -> bool:
+        """Whether any of the arrays is in the file `path`."""
+        arrays = (self.positions, self.triangles, self.normals, self.colours, self.triangle_colours)
+        wanted = os.path.abspath(path)
+        return any(a is not None and os.path.abspath(a.path) == wanted for a in arrays)
+
     def to_json(self) -> bytes:
         return json.dumps(asdict(self), sort_keys=True).encode()
 

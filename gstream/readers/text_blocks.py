@@ -14,7 +14,7 @@ LONGEST = 64 << 20  # bytes that one line or facet may take
 class TextBlocks:
     """A window `text[:stop]` on an open file; `use(n)` drops bytes from its front and reads on.
 
-    The last window of the file ends in a line feed, added when the file has none.
+    A line feed is added to the end of the file, so that every line, also a joined one, has an end.
     """
 
     def __init__(self, file: BinaryIO, name: str, first_line: int = 1) -> None:
@@ -22,7 +22,7 @@ class TextBlocks:
         self._file = file
         self._after_return = False
         self.text = np.empty(BLOCK, np.uint8)
-        self.stop, self.ended = 0, False
+        self.stop, self.ended, self._closed = 0, False, False
         self._fill()
 
     def use(self, count: int) -> bool:
@@ -77,7 +77,8 @@ class TextBlocks:
             read = self._file.readinto(self.text[self.stop :].data)  # type: ignore[attr-defined]
             self.ended = read == 0
             self.stop += read
-        if self.ended and (not self.stop or self.text[self.stop - 1] not in b"\r\n"):
+        if self.ended and not self._closed:
+            self._closed = True
             if self.stop == len(self.text):
                 self.text = np.append(self.text, np.uint8(0))
             self.text[self.stop] = 10
