@@ -219,6 +219,38 @@ def places_on(triangle: NDArray[np.int64], random: Random, snap_bits: int) -> li
     return spots
 
 
+def places_at_wraps(
+    triangle: NDArray[np.int64], random: Random, snap_bits: int, count: int
+) -> list[Vector]:
+    """Voxels on a triangle where a product n_c * index leaves int64, n the integer normal.
+
+    The index counts from the lowest voxel of the triangle. Signed overflow is undefined in compiled
+    code, so a sum that is right modulo 2^64 may still compare wrongly here, and only here.
+    """
+    corners = [[int(c) for c in vertex] for vertex in triangle]
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
+    u, v = (bx - ax, by - ay, bz - az), (cx - ax, cy - ay, cz - az)
+    normal = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+    places: list[Vector] = []
+    for _ in range(20 * count):
+        axis, share = random.randrange(3), random.random()
+        a, b, c = random.sample(corners, 3)
+        across = [p + round(share * (q - p)) for p, q in zip(b, c, strict=True)]
+        low = min(corner[axis] for corner in corners) >> snap_bits
+        wraps = abs(normal[axis]) * max(
+            abs(x - (low << snap_bits)) for x in (a[axis], across[axis])
+        )
+        if not wraps >> (63 + snap_bits) or a[axis] == across[axis]:
+            continue
+        odd = 2 * random.randrange((wraps >> (64 + snap_bits)) + 1) + 1
+        at = (low << snap_bits) + ((odd << (63 + snap_bits)) // abs(normal[axis]))
+        share = (at - a[axis]) / (across[axis] - a[axis])
+        if 0 <= share <= 1:
+            x, y, z = (p + round(share * (q - p)) for p, q in zip(a, across, strict=True))
+            places.append((x >> snap_bits, y >> snap_bits, z >> snap_bits))
+    return places[:count]
+
+
 def octahedron(centre: Vector, radius: int) -> Triangles:
     """|x| + |y| + |z| = radius around centre, outward, snap units."""
     faces = []

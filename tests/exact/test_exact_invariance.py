@@ -8,7 +8,7 @@ from exact import oracle, scenes
 
 from gstream.kernels.voxelize import Voxels, voxelize_triangles
 
-FIELDS = ("voxel", "hit", "area", "vector", "mask")
+FIELDS = ("voxel", "hit", "area", "vector", "mask", "colour")
 LOW, EDGE, SNAP_BITS = (16, -32, 48), 16, 5
 MODES = [(sep, ties) for sep in oracle.SEPARATIONS for ties in oracle.TIES]
 each_mode = pytest.mark.parametrize(("sep", "ties"), MODES)
@@ -16,6 +16,11 @@ each_mode = pytest.mark.parametrize(("sep", "ties"), MODES)
 
 def mixed_soup(seed: int = 2, count: int = 12):
     return np.concatenate([scenes.soup(k, seed, count, SNAP_BITS, LOW, EDGE) for k in scenes.KINDS])
+
+
+def channels_of(soup):
+    """Two channels per corner that are a pure function of the corner's place in the soup."""
+    return np.random.default_rng(1).uniform(0, 65_535, (len(soup), 3, 2)).round(3)
 
 
 def same(one: Voxels, other: Voxels, fields=FIELDS) -> None:
@@ -27,8 +32,9 @@ def same(one: Voxels, other: Voxels, fields=FIELDS) -> None:
 def test_the_order_of_triangles_changes_nothing(sep, ties):
     soup = mixed_soup()
     order = np.array(Random(3).sample(range(len(soup)), len(soup)))
-    base = voxelize_triangles(soup, SNAP_BITS, LOW, EDGE, sep, ties)
-    shuffled = voxelize_triangles(soup[order], SNAP_BITS, LOW, EDGE, sep, ties)
+    values = channels_of(soup)
+    base = voxelize_triangles(soup, SNAP_BITS, LOW, EDGE, sep, ties, values)
+    shuffled = voxelize_triangles(soup[order], SNAP_BITS, LOW, EDGE, sep, ties, values[order])
     same(base, shuffled)
     assert np.array_equal(base.assigned[order], shuffled.assigned)
     assert base.fragments == shuffled.fragments
@@ -37,19 +43,22 @@ def test_the_order_of_triangles_changes_nothing(sep, ties):
 @each_mode
 def test_the_first_corner_of_a_triangle_changes_nothing(sep, ties):
     soup = mixed_soup()
-    base = voxelize_triangles(soup, SNAP_BITS, LOW, EDGE, sep, ties)
+    values = channels_of(soup)
+    base = voxelize_triangles(soup, SNAP_BITS, LOW, EDGE, sep, ties, values)
     for turns in (1, 2):
-        same(
-            base, voxelize_triangles(np.roll(soup, turns, axis=1), SNAP_BITS, LOW, EDGE, sep, ties)
-        )
+        turned, turned_values = np.roll(soup, turns, axis=1), np.roll(values, turns, axis=1)
+        same(base, voxelize_triangles(turned, SNAP_BITS, LOW, EDGE, sep, ties, turned_values))
 
 
 @each_mode
 def test_the_winding_changes_only_the_sign_of_vector_and_mask(sep, ties):
     soup = mixed_soup()
-    base = voxelize_triangles(soup, SNAP_BITS, LOW, EDGE, sep, ties)
-    turned = voxelize_triangles(soup[:, ::-1].copy(), SNAP_BITS, LOW, EDGE, sep, ties)
-    same(base, turned, ("voxel", "hit", "area", "assigned"))
+    values = channels_of(soup)
+    base = voxelize_triangles(soup, SNAP_BITS, LOW, EDGE, sep, ties, values)
+    turned = voxelize_triangles(
+        soup[:, ::-1].copy(), SNAP_BITS, LOW, EDGE, sep, ties, values[:, ::-1].copy()
+    )
+    same(base, turned, ("voxel", "hit", "area", "colour", "assigned"))
     assert np.array_equal(base.vector, -turned.vector)
     swapped = ((turned.mask & 0b010101) << 1) | ((turned.mask & 0b101010) >> 1)
     assert np.array_equal(base.mask, swapped)
@@ -58,26 +67,29 @@ def test_the_winding_changes_only_the_sign_of_vector_and_mask(sep, ties):
 @each_mode
 def test_moving_by_whole_voxels_moves_the_voxels_alone(sep, ties):
     soup = mixed_soup()
-    base = voxelize_triangles(soup, SNAP_BITS, LOW, EDGE, sep, ties)
+    values = channels_of(soup)
+    base = voxelize_triangles(soup, SNAP_BITS, LOW, EDGE, sep, ties, values)
     for by in ((-16, 32, -48), (1, -3, 7), (-40_001, 65_000, 2)):
         shift = np.array(by, np.int64)
         low = tuple((np.array(LOW) + shift).tolist())
-        moved = voxelize_triangles(soup + (shift << SNAP_BITS), SNAP_BITS, low, EDGE, sep, ties)
+        moved = voxelize_triangles(
+            soup + (shift << SNAP_BITS), SNAP_BITS, low, EDGE, sep, ties, values
+        )
         assert np.array_equal(moved.voxel, base.voxel + shift)
-        same(base, moved, ("hit", "area", "vector", "mask", "assigned"))
+        same(base, moved, ("hit", "area", "vector", "mask", "colour", "assigned"))
 
 
 @each_mode
 def test_eight_boxes_hold_what_one_box_holds_in_the_same_order(sep, ties):
     soup = mixed_soup()
-    channels = np.random.default_rng(1).uniform(0, 65_535, (len(soup), 3, 2))
-    whole = voxelize_triangles(soup, SNAP_BITS, LOW, EDGE, sep, ties, channels)
+    values = channels_of(soup)
+    whole = voxelize_triangles(soup, SNAP_BITS, LOW, EDGE, sep, ties, values)
     half = EDGE // 2
     parts = []
     for octant in range(8):
         low = tuple(LOW[axis] + half * (octant >> axis & 1) for axis in range(3))
-        parts.append(voxelize_triangles(soup, SNAP_BITS, low, half, sep, ties, channels))
-    for field in (*FIELDS, "colour"):
+        parts.append(voxelize_triangles(soup, SNAP_BITS, low, half, sep, ties, values))
+    for field in FIELDS:
         joined = np.concatenate([getattr(part, field) for part in parts])
         assert np.array_equal(joined, getattr(whole, field)), field
     assert sum(part.fragments for part in parts) == whole.fragments

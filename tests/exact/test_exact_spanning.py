@@ -15,6 +15,10 @@ GRIDS = ((16_384, 12), (65_536, 10))
 BOX_EDGE, WINDOW_EDGE = 256, 8
 
 
+def as_set(rows) -> set[tuple[int, int, int]]:
+    return {(x, y, z) for x, y, z in rows.tolist()}
+
+
 def windows(kind: str, resolution: int, snap_bits: int, count: int = 2):
     """Triangle, low corner of a 256^3 box, low corner of an 8^3 window around a spot on it."""
     random = Random(f"{kind} {resolution}")
@@ -50,6 +54,48 @@ def test_windows_on_a_spanning_triangle_hold_the_exact_voxels(kind, resolution, 
                 exact = float(oracle.area_in_units(triangle, snap_bits, share))
                 assert abs(area - max(exact, 1)) <= 1 + 1e-9 * exact, (*where, voxel)
     assert checked > 50
+
+
+@pytest.mark.parametrize("ties", oracle.TIES)
+@pytest.mark.parametrize(("resolution", "snap_bits"), GRIDS)
+def test_windows_where_products_leave_64_bits_hold_the_exact_voxels(resolution, snap_bits, ties):
+    random, checked, edge = Random(6), 0, 4
+    for kind in ("generic", "lattice", "corner to corner"):
+        for triangle in scenes.spanning(kind, 8, 4, resolution, snap_bits):
+            for spot in scenes.places_at_wraps(triangle, random, snap_bits, 4):
+                low = tuple(c - random.randrange(edge) for c in spot)
+                box_low = tuple(c - random.randrange(BOX_EDGE - edge + 1) for c in low)
+                truth = oracle.voxels_of(triangle, snap_bits, low, edge, ties)
+                checked += len(truth["conservative"])
+                for sep in ("6", "26"):
+                    voxels = voxelize_triangles(
+                        triangle[None], snap_bits, box_low, BOX_EDGE, sep, ties
+                    )
+                    near = np.all(
+                        (voxels.voxel >= low) & (voxels.voxel < np.array(low) + edge), axis=1
+                    )
+                    where = (triangle.tolist(), snap_bits, low, box_low)
+                    assert as_set(voxels.voxel[near]) == truth["conservative"], where
+                    assert as_set(voxels.voxel[near & voxels.hit]) == truth[sep], where
+    assert checked > 150
+
+
+@pytest.mark.parametrize("sep", oracle.SEPARATIONS)
+@pytest.mark.parametrize("ties", oracle.TIES)
+def test_the_spanning_triangle_that_signed_overflow_once_emptied_is_whole(ties, sep):
+    triangle = np.array(
+        [
+            [18042524, 25573959, 37524125],
+            [32994148, 64247750, 43146500],
+            [49644248, 4073526, 44499814],
+        ]
+    )
+    low, box_low = (40977, 28581, 42728), (40977, 28329, 42610)
+    voxels = voxelize_triangles(triangle[None], 10, box_low, BOX_EDGE, sep, ties)
+    near = np.all((voxels.voxel >= low) & (voxels.voxel < np.array(low) + 4), axis=1)
+    truth = oracle.voxels_of(triangle, 10, low, 4, ties)
+    assert as_set(voxels.voxel[near & voxels.hit]) == truth[sep]
+    assert len(truth["conservative"]) == 10
 
 
 @pytest.mark.parametrize("ties", oracle.TIES)
