@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gstream.errors import CorruptFileError
 from gstream.formats import stream_filters
 from gstream.formats.framing import (
     CODEC_CONSTANT,
