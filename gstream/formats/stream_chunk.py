@@ -4,6 +4,7 @@ spec/stream.md, "Chunk". Packing and unpacking is in stream_parts.py, the file i
 """
 
 from dataclasses import dataclass
+from math import isfinite
 from struct import Struct
 from typing import Any, ClassVar, Final
 
@@ -203,6 +204,8 @@ class ChunkHead:
         if self.index_bytes == 0 and self.vertices != 3 * self.triangles:
             said = f"{self.triangles} triangles without indices have {self.vertices} vertices"
             raise where.corrupt("GST-0109", said)
+        if not all(map(isfinite, self.box)):
+            raise where.corrupt("GST-0115", "the box is not finite")
         if self.degenerate > self.triangles:
             raise where.corrupt("GST-0116", "more degenerate triangles than triangles")
 

@@ -48,10 +48,10 @@ def corner_bases(triangles: Bits, bases: Bases) -> None:
     corners = triangles.astype(np.int32)
     others = np.stack([np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)])
     best = np.where(others < corners, others, -1).max(axis=0).ravel()
-    used, first = np.unique(corners.ravel(), return_index=True)
-    bases[:] = rows_before(len(bases))
-    found = best[first] >= 0
-    bases[used[found]] = best[first[found]]
+    bases[:] = -2
+    bases[corners.ravel()[::-1]] = best[::-1]  # of several assignments the last one stays
+    alone = bases < 0
+    bases[alone] = rows_before(len(bases))[alone]
 
 
 def delta_planes(values: Bits, bases: Bases, ordered: bool, planes: Bytes) -> None:
@@ -81,12 +81,12 @@ def undo_delta_planes(planes: Bytes, bases: Bases, ordered: bool, values: Bits) 
     if (bases == rows_before(len(bases))).all():
         codes = np.cumsum(step, axis=0, dtype=values.dtype)
     else:
-        codes = np.concatenate([np.zeros_like(step[:1]), step])
+        codes = np.concatenate([np.zeros_like(step[:1]), step]).T.copy()
         up = np.concatenate([[0], bases + 1])
         while up.any():
-            codes += codes[up]
+            codes += np.take(codes, up, axis=1)
             up = up[up]
-        codes = codes[1:]
+        codes = codes[:, 1:].T
     values[:] = _unordered(codes) if ordered else codes
 
 

@@ -4,6 +4,8 @@ spec/stream.md, "Parts". The head and its records are in stream_chunk.py.
 """
 
 from collections.abc import Iterator
+from struct import Struct
+from typing import Final
 
 import numpy as np
 
@@ -45,6 +47,8 @@ from gstream.formats.stream_filters import (
     Filters,
     rows_before,
 )
+
+BOX: Final = Struct("<6d")
 
 
 def encode_chunk(chunk: Chunk, lz4: str, filters: Filters = stream_filters) -> bytes:
@@ -166,6 +170,9 @@ def decode_chunk(
             values = decode_part(head, part, attribute, stored, index, where, filters)
             domains[attribute.name], found[attribute.name] = part.domain, values
         offset += part.stored
+    if BOX.pack(*tight_box(found["position"])) != BOX.pack(*head.box):  # also refuses NaN
+        said = "the box is not the tight box of the vertices"
+        raise CorruptFileError("GST-0117", path, at + 32, said)
     index = found.get("index")
     return Chunk(
         positions=found["position"],
