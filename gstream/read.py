@@ -246,11 +246,12 @@ def _closed(offset: int, length: int) -> bytes:
 class BlockView:
     """One block of an open file; its columns are read and decoded when they are asked for."""
 
-    __slots__ = ("_decoded", "entry", "file")
+    __slots__ = ("_decoded", "_place", "entry", "file")
 
     def __init__(self, file: BlockFile, entry: Any) -> None:
         self.file, self.entry = file, entry
         self._decoded: dict[str, NDArray[Any]] = {}
+        self._place: tuple[int, int, int] | None = None
 
     @property
     def level(self) -> int:
@@ -265,8 +266,10 @@ class BlockView:
     @property
     def place(self) -> tuple[int, int, int]:
         """Block coordinates (x, y, z) within the level."""
-        x, y, z = decode_morton(self.entry["key"].reshape(1))[0].tolist()
-        return x, y, z
+        if self._place is None:
+            x, y, z = decode_morton(self.entry["key"].reshape(1))[0].tolist()
+            self._place = (x, y, z)
+        return self._place
 
     @property
     def corner(self) -> NDArray[np.int64]:

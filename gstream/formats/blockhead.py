@@ -298,7 +298,7 @@ def _parse_sections(
             raise UnsupportedError(path, said, "upgrade gstream")
         else:
             outside.append(Section(kind, False, offset, length, crc))
-    if any(data[at : HEAD_BYTES - 4]):
+    if data[at : HEAD_BYTES - 4].strip(b"\0"):
         raise CorruptFileError(
             "GSB-0104", path, at, "bytes behind the head's last section are not zero"
         )

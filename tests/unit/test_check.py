@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from struct import Struct
 from zlib import crc32
@@ -84,7 +85,7 @@ class Patch:
 
 
 def tiny(**changes: object) -> Scene:
-    scene = random_scene(resolution=16, voxels=24, seed=5)
+    scene = random_scene(resolution=16, voxels=23, seed=5)
     return replace(scene, **changes)
 
 
@@ -96,8 +97,18 @@ def tiny_file(**arguments: object) -> bytes:
     return file_bytes(tiny(), **arguments)
 
 
+@cache
+def sound_file() -> bytes:
+    return tiny_file()
+
+
+def smallest_file() -> bytes:
+    scene = random_scene(resolution=16, voxels=3, seed=5, names=ALL[:3])
+    return file_bytes(scene)
+
+
 def patch() -> Patch:
-    return Patch(tiny_file())
+    return Patch(sound_file())
 
 
 def with_column(name: str, level: int, **fields: object) -> bytes:
@@ -131,9 +142,10 @@ def without_a_voxel() -> bytes:
     return file_bytes(scene)
 
 
-def with_rows(field: str, row: int, value: object) -> bytes:
+def with_rows(*changes: tuple[str, int, object]) -> bytes:
     def alter(rows: np.ndarray) -> np.ndarray:
-        rows[field][row] = value
+        for field, row, value in changes:
+            rows[field][row] = value
         return rows
 
     return tiny_file(alter_rows=alter)
@@ -208,7 +220,7 @@ DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0303": lambda: patch().entry(2, "key", 0).entry(1, "key", 7).sealed(),
     "GSB-0304": split_group,
     "GSB-0305": lambda: patch().entry(1, "high", 200).sealed(),
-    "GSB-0306": lambda: with_rows("children", -1, 1),
+    "GSB-0306": lambda: with_rows(("children", -1, 1)),
     "GSB-0307": lambda: tiny_file(alter_rows=lambda rows: rows[rows["level"] == 0]),
     "GSB-0308": empty_with_voxels,
     "GSB-0309": lambda: patch().entry(1, "zero", 1).sealed(),
@@ -229,7 +241,7 @@ DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0410": lambda: with_root("mask", lambda mask: mask * 0),
     "GSB-0411": lambda: bytes(patch().flip(-65).data),
     "GSB-0412": lambda: patch().entry(1, "codec", 9, "mask").sealed(),
-    "GSB-0501": lambda: with_rows("low", -1, 0),
+    "GSB-0501": lambda: with_rows(("low", -1, 0), ("high", -1, 7)),
     "GSB-0502": lower_resolution,
     "GSB-0503": without_a_voxel,
     "GSB-0504": lambda: with_root("mask", lambda mask: np.where(mask == 63, 62, 63).astype("u1")),
@@ -330,7 +342,7 @@ def caught(data: bytes, quick: bool = False) -> bool:
 
 
 def test_every_single_bit_flip_of_the_body_and_tail_is_found():
-    data = file_bytes(random_scene(resolution=16, voxels=3, seed=5, names=ALL[:3]), kept=ALL[:3])
+    data = smallest_file()
     for bit in range(8 * HEAD, 8 * len(data)):
         damaged = bytearray(data)
         damaged[bit // 8] ^= 1 << bit % 8
@@ -350,8 +362,8 @@ def test_every_single_bit_flip_of_the_head_is_found():
 
 
 def test_every_truncation_is_found():
-    data = tiny_file()
-    for size in [*range(0, HEAD, 997), *range(HEAD - 8, len(data))]:
+    data = smallest_file()
+    for size in [*range(0, HEAD, 4999), *range(HEAD - 8, len(data))]:
         assert caught(data[:size], quick=True), f"{size} bytes"
     assert caught(data + b"\0", quick=True)
 
@@ -360,7 +372,7 @@ def test_random_bytes_with_right_crcs_raise_only_gstream_errors():
     rng = np.random.default_rng(11)
     made = patch()
     spots = [*range(12, 256), *range(256, 1024), *range(HEAD, HEAD + len(made.entries.tobytes()))]
-    for _ in range(400):
+    for _ in range(200):
         made = patch()
         for spot in rng.choice(spots, 3):
             made.at(int(spot), bytes([rng.choice([0, 1, 127, 255, int(rng.integers(256))])]))
