@@ -180,3 +180,37 @@ def parse_number(text, first, end):
         return sign * (value * TENS[power] if power >= 0 else value / TENS[-power]), READ
     value, status = _round_decimal(mantissa, power)
     return sign * value, status
+
+
+@kernel
+def plain_number(text, first, stop):
+    """Read [-]digits[.digits] in one pass: nearly every token of real files; twice as fast so.
+
+    text : (n,) uint8;  first, stop : int
+    returns: float64, int, bool, bool   the value, the byte after it, whether the token was plain and
+        ended in white space before `stop` (else the other values mean nothing), whether it had a point
+    errors : none; what is not plain is for parse_number
+    source : Clinger 1990, the exact case
+    """
+    i, negative, point, digits, places, mantissa = first, False, False, 0, 0, U0
+    if i < stop and text[i] == 45:
+        negative = True
+        i += 1
+    while i < stop:
+        c = text[i]
+        if 48 <= c <= 57:
+            mantissa = mantissa * U10 + np.uint64(c - 48)
+            digits += 1
+            places += 1 if point else 0
+        elif c == 46 and not point:
+            point = True
+        else:
+            break
+        i += 1
+    ended = i < stop and (text[i] == 32 or 9 <= text[i] <= 13)
+    if not ended or digits == 0 or digits > 18 or mantissa > EXACT:
+        return 0.0, i, False, point
+    value = np.float64(mantissa)
+    if places:
+        value /= TENS[places]
+    return (-value if negative else value), i, True, point

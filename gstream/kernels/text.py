@@ -3,7 +3,7 @@
 import numpy as np
 
 from gstream.kernels import kernel
-from gstream.kernels.numbers import BAD, READ, parse_number
+from gstream.kernels.numbers import BAD, READ, parse_number, plain_number
 
 # Flags of a token
 SLOW_TOKEN, BAD_TOKEN, LAST_ON_LINE, REAL_TOKEN = 1, 2, 4, 8
@@ -27,14 +27,8 @@ def is_line_end(c):
 
 
 @kernel
-def next_token(text, first, stop, hashes):
-    """The next token at or after `first`, and whether a line ended before it.
-
-    text : (n,) uint8;  first, stop : int;  hashes : bool   '#' starts a comment
-    returns: int, int, bool   start and end of the token (start = stop when there is none), line ended
-    errors : none
-    source : none
-    """
+def skip_space(text, first, stop, hashes):
+    """The first byte that is neither white space nor, with `hashes`, in a comment; whether a line ended."""
     i, ended = first, False
     while i < stop:
         if hashes and text[i] == 35:
@@ -45,17 +39,39 @@ def next_token(text, first, stop, hashes):
             i += 1
         else:
             break
-    end = i
-    while end < stop and not is_space(text[end]) and not (hashes and end > i and text[end] == 35):
+    return i, ended
+
+
+@kernel
+def token_end(text, first, stop, hashes):
+    """The byte after the token that starts at `first`."""
+    end = first
+    while end < stop and not is_space(text[end]) and not (hashes and end > first and text[end] == 35):
         end += 1
-    return i, end, ended
+    return end
+
+
+@kernel
+def next_token(text, first, stop):
+    """The next token: its start, its end (start = stop when there is none), whether a line ended."""
+    start, ended = skip_space(text, first, stop, False)
+    return start, token_end(text, start, stop, False), ended
+
+
+@kernel
+def _has_point(text, first, end):
+    """Whether a token is written as a real: with a point or an exponent."""
+    for i in range(first, end):
+        if text[i] == 46 or text[i] | 32 == 101:
+            return True
+    return False
 
 
 @kernel
 def parse_numbers(text, first, stop, hashes, values, starts, flags):
     """Read tokens as numbers until the text or the room for them ends.
 
-    text : (n,) uint8, ends in white space when it is the last of its file;  first, stop : int
+    text : (n,) uint8, ends in a line feed when it is the last of its file;  first, stop : int
     hashes : bool   '#' starts a comment
     values : (k,) float64, starts : (k,) int64 byte of each token, flags : (k,) uint8   written
     returns: int, int   tokens read, and the byte from which to go on; a token at the very end of the
@@ -64,21 +80,26 @@ def parse_numbers(text, first, stop, hashes, values, starts, flags):
     source : none
     """
     count, at = 0, first
-    start, end, _ = next_token(text, at, stop, hashes)
-    while start < stop and end < stop and count < values.shape[0]:
-        following, following_end, ended = next_token(text, end, stop, hashes)
+    start, ended = skip_space(text, at, stop, hashes)
+    while start < stop and count < values.shape[0]:
+        value, end, plain, real = plain_number(text, start, stop)
+        status = READ
+        if not plain:
+            end = token_end(text, start, stop, hashes)
+            value, status = parse_number(text, start, end)
+            real = _has_point(text, start, end)
+        if end == stop:
+            break
+        following, ended = skip_space(text, end, stop, hashes)
         if following == stop and not ended:
             break
-        value, status = parse_number(text, start, end)
-        flag = np.uint8(0) if status == READ else np.uint8(BAD_TOKEN if status == BAD else SLOW_TOKEN)
-        for i in range(start, end):
-            if text[i] == 46 or text[i] | 32 == 101:
-                flag |= np.uint8(REAL_TOKEN)
-        values[count], starts[count] = value, start
-        flags[count] = flag | np.uint8(LAST_ON_LINE if ended else 0)
+        flag = LAST_ON_LINE if ended else 0
+        flag |= REAL_TOKEN if real else 0
+        flag |= 0 if status == READ else (BAD_TOKEN if status == BAD else SLOW_TOKEN)
+        values[count], starts[count], flags[count] = value, start, flag
         count += 1
         at = end
-        start, end = following, following_end
+        start = following
     if start < stop:
         return count, start
     while hashes and stop > at and not is_line_end(text[stop - 1]):
@@ -142,7 +163,7 @@ def parse_facets(text, first, stop, corners, slow):
     at, seen, inside, skip, slow_in = first, 0, False, 0, 0
     word = ENDFACET
     while True:
-        start, end, ended = next_token(text, at, stop, False)
+        start, end, ended = next_token(text, at, stop)
         if end >= stop:
             return facets, waiting, kept, MORE_TEXT, start
         at, before = end, word
@@ -155,10 +176,14 @@ def parse_facets(text, first, stop, corners, slow):
             continue
         if word == VERTEX and inside and seen < 3:
             for axis in range(3):
-                start, end, _ = next_token(text, at, stop, False)
-                if end >= stop:
-                    return facets, waiting, kept, MORE_TEXT, start
-                value, status = parse_number(text, start, end)
+                start, _ = skip_space(text, at, stop, False)
+                value, end, plain, _ = plain_number(text, start, stop)
+                status = READ
+                if not plain:
+                    end = token_end(text, start, stop, False)
+                    if end >= stop:
+                        return facets, waiting, kept, MORE_TEXT, start
+                    value, status = parse_number(text, start, end)
                 if status == BAD:
                     return facets, waiting, kept, BAD_COORDINATE, start
                 place = 9 * facets + 3 * seen + axis

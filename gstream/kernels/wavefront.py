@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gstream.kernels import kernel
-from gstream.kernels.numbers import BAD, READ, parse_number
+from gstream.kernels.numbers import BAD, READ, parse_number, plain_number
 from gstream.kernels.text import is_line_end, is_space
 
 # The state of a file, kept from call to call
@@ -46,11 +46,18 @@ def _line_stop(text, first, stop):
 
 
 @kernel
-def _token(text, first, stop):
-    """The next token of a logical line that stops at `stop`; start = end when there is none."""
+def _skip(text, first, stop):
+    """The first byte of a logical line, from `first` on, that is no white space nor joins lines."""
     i = first
     while i < stop and (is_space(text[i]) or (text[i] == 92 and is_line_end(text[i + 1]))):
         i += 1
+    return i
+
+
+@kernel
+def _token(text, first, stop):
+    """The next token of a logical line that stops at `stop`; start = end when there is none."""
+    i = _skip(text, first, stop)
     end = i
     while end < stop and not is_space(text[end]):
         if text[end] == 92 and is_line_end(text[end + 1]):
@@ -73,10 +80,14 @@ def _numbers(text, first, stop, most, row, kind, number, state, slow):
     """
     count, at = 0, first
     while count < most:
-        start, end = _token(text, at, stop)
-        if start == end:
-            break
-        value, status = parse_number(text, start, end)
+        start = _skip(text, at, stop)
+        value, end, plain, _ = plain_number(text, start, stop + 1)
+        status = READ
+        if not plain:
+            start, end = _token(text, start, stop)
+            if start == end:
+                break
+            value, status = parse_number(text, start, end)
         if status == BAD:
             return count, start
         row[count] = value

@@ -10,8 +10,8 @@ from gstream.kernels.text import BAD_TOKEN, SLOW_TOKEN, parse_numbers
 from gstream.readers.ply_header import Element
 from gstream.readers.text_blocks import TextBlocks
 
-BATCH = 1 << 19  # numbers
-BYTES = 4 << 20
+BATCH = 1 << 17  # numbers
+BYTES = 1 << 20
 
 
 class NumberSource(Protocol):

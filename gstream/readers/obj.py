@@ -1,5 +1,6 @@
 """OBJ, spilled: vertices as f8, polygons as fans, vertex colours, normals, and Kd of materials."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,8 +14,8 @@ from gstream.readers.mesh import DiskArray, Mesh
 from gstream.readers.scratch import Column, LateColumn, Spill
 from gstream.readers.text_blocks import TextBlocks
 
-ROWS = 1 << 17  # vertices, normals and triangles per batch
-SLOW = 1 << 16
+ROWS = 1 << 16  # vertices, normals and triangles per batch
+SLOW = 1 << 15
 WHITE = (255, 255, 255, 255)
 NAN = float("nan")
 REMEDY = "correct the line, or export the OBJ file again"
@@ -51,7 +52,8 @@ class _Materials:
     def load(self, names: bytes) -> None:
         """Read the libraries of a mtllib line: one name with spaces, or several names."""
         whole = mtl.inside(self.folder, names)
-        for name in [names] if whole is not None and whole.is_file() else names.split():
+        several = [part.replace(b"\\ ", b" ") for part in re.split(rb"(?<!\\)\s+", names)]
+        for name in [names] if whole is not None and whole.is_file() else several:
             path = mtl.inside(self.folder, name)
             if path is None:
                 self.outside += 1

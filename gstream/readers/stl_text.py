@@ -10,7 +10,7 @@ from gstream.readers.mesh import DiskArray, Mesh
 from gstream.readers.scratch import Column, Spill
 from gstream.readers.text_blocks import TextBlocks
 
-FACETS = 1 << 15  # facets per batch
+FACETS = 1 << 13  # facets per batch
 REMEDY = "correct the line, or export the STL file again"
 
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from gstream.errors import InputError
 
-BLOCK = 4 << 20  # bytes
+BLOCK = 2 << 20  # bytes
 LONGEST = 64 << 20  # bytes that one line or facet may take
 
 
@@ -62,9 +62,12 @@ class TextBlocks:
             values[place] = float(self.text[first:end].tobytes())
 
     def _line_ends(self, count: int) -> int:
-        text = self.text[:count].tobytes()
-        joined = self._after_return and text.startswith(b"\n")
-        return text.count(b"\n") + text.count(b"\r") - text.count(b"\r\n") - joined
+        text = self.text[:count]
+        feeds, returns = text == 10, text == 13
+        lines = int(np.count_nonzero(feeds))
+        if returns.any():
+            lines += int(np.count_nonzero(returns)) - int(np.count_nonzero(returns[:-1] & feeds[1:]))
+        return lines - int(self._after_return and count > 0 and bool(feeds[0]))
 
     def _grow(self) -> None:
         if len(self.text) >= LONGEST:

@@ -1,12 +1,12 @@
 """Stage 1: every input becomes a mesh of arrays on disk, mapped where it lies or spilled to scratch."""
 
 from collections import Counter
-from functools import partial
 from pathlib import Path
 
 from gstream.errors import StoppedError, UsageError
 from gstream.job import IngestSettings, Job, Summary, Unit
 from gstream.readers import open_mesh
+from gstream.readers.warm import warm_readers
 from gstream.run.publish import Scratch
 
 NAME = "1-spill"
@@ -57,15 +57,16 @@ def finish(job: Job) -> Summary:
     done = [(unit, scratch.done(unit)) for unit in plan(job)]
     missing = [unit.data[1] for unit, counts in done if counts is None]
     if missing:
-        raise StoppedError(f"{NAME}: {len(missing)} inputs are not opened, first {missing[0]}")
+        said = f"{len(missing)} of {len(done)} inputs are not opened, the first is {missing[0]}"
+        raise StoppedError(said, "run the same command again")
     for _, counts in done:
-        total.update(counts)
+        total.update(counts or {})
     return Summary(NAME, dict(sorted(total.items())))
 
 
 def warm() -> None:
-    """Compile the text kernels by reading one triangle of each text format."""
-    ...
+    """Compile or load the readers' kernels."""
+    warm_readers()
 
 
 def _settings(job: Job) -> IngestSettings:
