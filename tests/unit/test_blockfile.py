@@ -51,9 +51,7 @@ def test_settings_come_back_from_the_head():
         )
 
 
-@pytest.mark.parametrize(
-    "given", [{}, {"crs": None}, {"crs": "EPSG:4978", "up": "z", "units": "m"}]
-)
+@pytest.mark.parametrize("given", [{}, {"crs": None}, {"crs": "EPSG:4978", "up": "z"}])
 def test_metadata_keeps_absent_null_and_value_apart(given):
     with open_block_file(file_bytes(random_scene(), meta=given)) as file:
         assert {k: v for k, v in file.metadata.items() if k != "ledger"} == given
