@@ -192,6 +192,8 @@ def _tree(file: BlockFile) -> Iterator[Finding]:
         for page in file.directory.pages_of(level):
             entries = file.directory.page(page)
             entries = entries[entries["level"] == level]
+            if not len(entries):
+                continue  # the page ends where the level begins
             keys, children = _families(entries)
             yield from _compare_families(file, level, keys, children, done)
             done = int(keys[-1]) + 1

@@ -1,7 +1,7 @@
 """`gstream check`: does a file of ours keep every rule of its spec?
 
 Here: the rules of the block file, the report, and the choice of checker by magic. The rules of the
-geometry stream are in formats/stream.py; the checking of blocks is in gstream/blockcheck.py
+geometry stream are in formats/stream_check.py; the checking of blocks is in gstream/blockcheck.py
 and gstream/contentcheck.py.
 """
 
@@ -14,7 +14,7 @@ from typing import Any, Final
 from gstream import blockcheck
 from gstream.contentcheck import broken
 from gstream.errors import CorruptFileError, UsageError
-from gstream.formats import stream
+from gstream.formats import stream_check
 from gstream.formats.findings import ERROR, NOTE, Finding
 from gstream.formats.framing import BLOCK_MAGIC, STREAM_MAGIC
 
@@ -170,7 +170,7 @@ def check_file(
         raise UsageError(f"{name}: {error.strerror}", "give a .gsb or .gst file") from error
     if magic == STREAM_MAGIC:
         report = Report(name, "geometry stream", quick)
-        findings: Iterator[Finding] = stream.iter_findings(name, quick)
+        findings: Iterator[Finding] = map(broken, stream_check.iter_findings(name, quick))
     elif magic == BLOCK_MAGIC or name.endswith(".gsb"):
         report = Report(name, "block file", quick)
         findings = blockcheck.iter_findings(name, quick, progress)
