@@ -281,11 +281,11 @@ class StreamReader:
             raise CorruptFileError("GST-0205", self.path, at, "the directory's CRC is wrong")
         magic, count, text, zero = DIRECTORY.unpack_from(data)
         end = DIRECTORY.size + ROW.itemsize * count
-        if magic != DIRECTORY_MAGIC or zero or len(data) != end + text:
-            raise CorruptFileError("GST-0206", self.path, at, "the directory is malformed")
         if count > MAX_CHUNKS or text > MAX_TOTALS:
             said = f"{count} chunks, {text} bytes of totals are above the limits"
             raise CorruptFileError("GST-0212", self.path, at, said)
+        if magic != DIRECTORY_MAGIC or zero or len(data) != end + text:
+            raise CorruptFileError("GST-0206", self.path, at, "the directory is malformed")
         self.chunks = np.frombuffer(data, ROW, count, DIRECTORY.size)
         self.totals = parse_json(data[end:], "GST-0209", self.path, at + end, "the totals")
         ends = self.chunks["offset"] + self.chunks["length"]

@@ -31,6 +31,7 @@ def iter_findings(path: str | Path, quick: bool = False) -> Iterator[CorruptFile
         return
     declared = {attribute.id for attribute in reader.attributes} | {ID_INDEX}
     sums: dict[int, NDArray[np.int64]] = {}
+    unknown = False  # whether a chunk's counters could not be read
     for index in range(len(reader.chunks)):
         try:
             head = reader.head(index)
@@ -40,8 +41,10 @@ def iter_findings(path: str | Path, quick: bool = False) -> Iterator[CorruptFile
             if not quick:
                 yield from _payload(reader, index, head)
         except CorruptFileError as finding:
+            unknown = True
             yield finding
-    yield from _totals(reader, sums)
+    if not unknown:
+        yield from _totals(reader, sums)
 
 
 def _undeclared(

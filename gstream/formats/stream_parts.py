@@ -49,6 +49,15 @@ from gstream.formats.stream_filters import (
 )
 
 BOX: Final = Struct("<6d")
+CODECS: Final = (CODEC_RAW, CODEC_LZ4, CODEC_CONSTANT)
+INDEX_FILTERS: Final = (FILTER_NONE, FILTER_FIRST_USE)
+VALUE_FILTERS: Final = (
+    FILTER_NONE,
+    FILTER_DELTA,
+    FILTER_ORDERED_DELTA,
+    FILTER_CORNER_DELTA,
+    FILTER_ORDERED_CORNER_DELTA,
+)
 
 
 def encode_chunk(chunk: Chunk, lz4: str, filters: Filters = stream_filters) -> bytes:
@@ -157,7 +166,7 @@ def decode_chunk(
     """
     head = ChunkHead.read(data, path, at)
     if len(data) != head.size + head.payload:
-        raise CorruptFileError("GST-0110", path, at, "the file ends inside a chunk")
+        raise CorruptFileError("GST-0105", path, at, "the chunk is not as long as its head says")
     found: dict[str, Array] = {}
     domains: dict[str, int] = {}
     offset = head.size
@@ -200,6 +209,10 @@ def decode_part(
         raise where.corrupt("GST-0111", f"the CRC of a {attribute.name} part is wrong")
     if part.domain not in DOMAINS[attribute.name]:
         raise where.unsupported(f"{attribute.name} in domain {part.domain}")
+    if part.codec not in CODECS:
+        raise where.unsupported(f"codec {part.codec}")
+    if part.filter not in (INDEX_FILTERS if attribute is INDEX else VALUE_FILTERS):
+        raise where.unsupported(f"filter {part.filter}")
     count = (head.vertices, 3 * head.triangles, head.triangles, 1)[part.domain]
     dtype = np.dtype(DTYPES[attribute.dtype])
     raw = attribute.value_bytes * (1 if part.codec == CODEC_CONSTANT else count)
@@ -214,7 +227,7 @@ def decode_part(
         planes = np.frombuffer(data, np.uint8).reshape(attribute.components, dtype.itemsize, count)
         bits = values.view(f"<u{dtype.itemsize}")
         if attribute is INDEX:
-            _undo_index(part, planes[0], bits[:, 0], head.vertices, where, filters)
+            _undo_index(planes[0], bits[:, 0], head.vertices, where, filters)
         else:
             _undo_delta(part, planes, bits, index, where, filters)
     if attribute is INDEX and count and int(values.max()) >= head.vertices:
@@ -226,18 +239,14 @@ def decode_part(
 def _unpack(part: Part, stored: memoryview, where: Place) -> bytes | memoryview:
     if part.codec == CODEC_LZ4:
         return decompress(stored, part.raw, "GST-0113", where.path, where.at)
-    if part.codec not in (CODEC_RAW, CODEC_CONSTANT):
-        raise where.unsupported(f"codec {part.codec}")
     if part.stored != part.raw or (part.codec == CODEC_CONSTANT and part.filter != FILTER_NONE):
         raise where.corrupt("GST-0107", "a part that is not packed has another length")
     return stored
 
 
 def _undo_index(
-    part: Part, planes: Array, indices: Array, vertices: int, where: Place, filters: Filters
+    planes: Array, indices: Array, vertices: int, where: Place, filters: Filters
 ) -> None:
-    if part.filter != FILTER_FIRST_USE:
-        raise where.unsupported(f"index filter {part.filter}")
     used = filters.undo_first_use_planes(planes, vertices, indices)
     if used != vertices:
         said = f"the indices use {used} of {vertices} vertices" if used >= 0 else "a broken index"
@@ -248,8 +257,6 @@ def _undo_delta(
     part: Part, planes: Array, bits: Array, index: Array | None, where: Place, filters: Filters
 ) -> None:
     near = part.filter in (FILTER_CORNER_DELTA, FILTER_ORDERED_CORNER_DELTA)
-    if not near and part.filter not in (FILTER_DELTA, FILTER_ORDERED_DELTA):
-        raise where.unsupported(f"filter {part.filter}")
     bases = rows_before(len(bits))
     if near:
         if index is None or part.domain != DOMAIN_VERTEX:

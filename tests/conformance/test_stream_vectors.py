@@ -1,0 +1,174 @@
+"""The frozen vectors of the geometry stream, and what readers do with files that are not whole."""
+
+import re
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conformance.stream_bytes import (
+    BAD,
+    FAN,
+    FAN_FILE,
+    FAN_TRIANGLES,
+    GOOD,
+    NEWER,
+    SMALLEST,
+    SOUP,
+    StreamBytes,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gstream.errors import CorruptFileError, UnsupportedError
+from gstream.formats.stream import StreamReader
+from gstream.formats.stream_check import iter_findings
+
+ROOT = Path(__file__).parents[2]
+VECTORS = ROOT / "spec" / "vectors"
+SPEC = ROOT / "spec" / "stream.md"
+SOURCES = (ROOT / "gstream" / "formats").glob("stream*.py")
+
+
+def rules_of(path: Path, quick: bool = False) -> list[str]:
+    return [finding.rule for finding in iter_findings(path, quick)]
+
+
+def rules_in(text: str) -> set[str]:
+    return set(re.findall(r"GST-\d{4}", text))
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_a_good_vector_is_as_the_spec_makes_it(name):
+    assert (VECTORS / "good" / f"{name}.gst").read_bytes() == GOOD[name].write()
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_a_good_vector_has_no_findings(name):
+    assert rules_of(VECTORS / "good" / f"{name}.gst") == []
+
+
+@pytest.mark.parametrize("rule", BAD)
+def test_a_bad_vector_is_as_the_spec_makes_it(rule):
+    assert (VECTORS / "bad" / f"{rule}.gst").read_bytes() == BAD[rule]
+
+
+@pytest.mark.parametrize("rule", BAD)
+def test_a_bad_vector_breaks_the_rule_it_is_named_after_first(rule):
+    assert rules_of(VECTORS / "bad" / f"{rule}.gst")[0] == rule
+
+
+def test_every_rule_of_the_spec_is_in_the_source_and_has_a_bad_vector():
+    table = rules_in(SPEC.read_text())
+    assert table == rules_in("".join(path.read_text() for path in SOURCES))
+    assert table == {path.stem for path in (VECTORS / "bad").glob("GST-*")}
+
+
+@pytest.mark.parametrize("what", NEWER)
+def test_what_this_version_cannot_read_is_unsupported_and_not_corrupt(what, tmp_path):
+    path = tmp_path / "newer.gst"
+    path.write_bytes(NEWER[what].write())
+    with pytest.raises(UnsupportedError, match="use a newer gstream"):
+        StreamReader(path).chunk(0)
+
+
+def test_the_indexed_vector_unpacks_to_its_triangles():
+    chunk = StreamReader(VECTORS / "good" / "stream-indexed.gst").chunk(0)
+    np.testing.assert_array_equal(chunk.positions, np.array(FAN, np.float32))
+    np.testing.assert_array_equal(chunk.triangles, FAN_TRIANGLES)
+    np.testing.assert_array_equal(chunk.normals, [[0, 0, 1]] * 5)
+    np.testing.assert_array_equal(chunk.colours, np.arange(16).reshape(4, 4))
+    assert (chunk.colour_domain, chunk.non_finite, chunk.degenerate) == (2, 2, 1)
+
+
+def test_an_unknown_attribute_is_skipped_by_its_size():
+    chunk = StreamReader(VECTORS / "good" / "stream-unknown-attribute.gst").chunk(0)
+    assert len(chunk.positions) == 3
+
+
+def test_an_unknown_codec_concerns_its_own_attribute_only(tmp_path):
+    parts = FAN_FILE.chunks[0].parts
+    odd = replace(FAN_FILE.chunks[0], parts=(*parts[:2], replace(parts[2], codec=9), parts[3]))
+    path = tmp_path / "odd.gst"
+    path.write_bytes(replace(FAN_FILE, chunks=(odd,)).write())
+    reader = StreamReader(path)
+    assert reader.chunk(0, ["colour"]).normals is None
+    with pytest.raises(UnsupportedError):
+        reader.chunk(0, ["normal"])
+
+
+@pytest.mark.parametrize("file", [SMALLEST, FAN_FILE], ids=["soup", "indexed"])
+def test_every_flipped_bit_is_found(file, tmp_path):
+    whole, path = file.write(), tmp_path / "flipped.gst"
+    for bit in range(8 * len(whole)):
+        data = bytearray(whole)
+        data[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(data)
+        assert _is_refused(path), f"bit {bit % 8} of byte {bit // 8} may flip unseen"
+
+
+def _is_refused(path: Path) -> bool:
+    try:
+        return bool(rules_of(path))
+    except UnsupportedError:
+        return True
+
+
+@pytest.mark.parametrize("file", [SMALLEST, FAN_FILE], ids=["soup", "indexed"])
+def test_every_cut_is_found_and_leaves_the_chunks_before_it_readable(file, tmp_path):
+    doubled = replace(file, chunks=file.chunks * 2)
+    whole, path = doubled.write(), tmp_path / "cut.gst"
+    start, length = len(doubled.header()), len(doubled.chunks[0].write())
+    for size in range(len(whole)):
+        path.write_bytes(whole[:size])
+        with pytest.raises(CorruptFileError):
+            StreamReader(path)
+        if size >= start:
+            reader = StreamReader.recover(path)
+            assert len(reader.chunks) == min(2, (size - start) // length)
+            if len(reader.chunks):
+                assert len(reader.chunk(0).positions) == file.chunks[0].vertices
+
+
+def test_bytes_after_the_tail_are_found(tmp_path):
+    path = tmp_path / "long.gst"
+    path.write_bytes(SMALLEST.write() + b"\0")
+    assert rules_of(path) == ["GST-0201"]
+
+
+WORDS = st.sampled_from([0, 1, 2, 3, 4, 5, 36, 255, 65_535, 65_536, 2**31, 2**32 - 1])
+SHORT = st.sampled_from([0, 1, 2, 3, 4, 5, 33, 255, 65_535])
+BYTE = st.integers(0, 8)
+
+
+@st.composite
+def hostile_streams(draw) -> StreamBytes:
+    """Files whose CRCs are right and whose numbers are not."""
+    chunk = draw(st.sampled_from([SOUP, FAN_FILE.chunks[0]]))
+    parts = tuple(
+        replace(
+            part,
+            attribute=draw(st.sampled_from([part.attribute, 0, 1, 2, 3, 4, 900])),
+            domain=draw(st.sampled_from([part.domain, 0, 1, 2, 3, 9])),
+            filter=draw(BYTE),
+            codec=draw(st.sampled_from([0, 1, 2, 3])),
+            raw=draw(st.one_of(st.just(part.raw), WORDS)),
+            stored=draw(st.one_of(st.just(part.stored), st.binary(max_size=64))),
+        )
+        for part in chunk.parts
+    )
+    keys = ("triangles", "vertices", "source", "non_finite", "degenerate")
+    edits = {key: draw(WORDS) for key in draw(st.sets(st.sampled_from(keys), max_size=2))}
+    if draw(st.booleans()):
+        edits["index_bytes"] = draw(SHORT)
+    chunks = (replace(chunk, parts=parts, **edits),)
+    return replace(FAN_FILE, chunks=chunks, totals=draw(st.sampled_from([None, b"{}", b"[" * 999])))
+
+
+@given(hostile_streams())
+def test_wrong_numbers_under_right_checksums_never_raise_another_error(tmp_path_factory, stream):
+    path = tmp_path_factory.mktemp("hostile") / "a.gst"
+    path.write_bytes(stream.write())
+    with suppress(UnsupportedError):
+        assert all("\n" not in str(finding) for finding in iter_findings(path))
