@@ -24,6 +24,7 @@ from gstream.formats.framing import (
     crc32,
     decompress,
 )
+from gstream.formats.lodrule import canonical_normals
 
 MIN_LOG2_EDGE: Final = 3
 MAX_LOG2_EDGE: Final = 8
@@ -330,3 +331,23 @@ def _check_range(spec: ColumnSpec, largest: int, path: str, at: int) -> None:
     if largest >> spec.bits:
         said = f"column {spec.name} has the value {largest}, above its {spec.bits} bits"
         raise CorruptFileError(RULE_RANGE, path, at, said)
+
+
+def check_values(spec: ColumnSpec, values: Ints, path: str, at: int) -> None:
+    """Refuse decoded values that stand for nothing: a mask or weight of 0, a code of no normal.
+
+    values : as decode_column returns them; decoding does not look at them, only a full check does
+    errors : CorruptFileError GSB-0410
+    """
+    if spec.name in ("mask", "weight"):
+        good = values != 0
+    elif spec.name == "normal":
+        good = canonical_normals(values.astype(np.uint16, copy=False), spec.bits)
+    else:
+        return
+    if not good.all():
+        first = int(np.argmin(good))
+        said = (
+            f"voxel {first} of column {spec.name} has {values[first].tolist()}, which is no value"
+        )
+        raise CorruptFileError(RULE_VALUE, path, at, said)

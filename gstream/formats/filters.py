@@ -96,8 +96,7 @@ def undo_filter(
     if filter_id == NONE:
         return _interleaved(data.view(kind).reshape(components, count))
     if filter_id == BYTE_PLANES:
-        planes = data.reshape(components, kind.itemsize, count).transpose(2, 0, 1)
-        return np.ascontiguousarray(planes).view(kind).reshape(shape)
+        return _interleaved(_joined(data.reshape(components, kind.itemsize, count), kind))
     if filter_id not in FILTERS:
         raise ValueError(f"there is no filter {filter_id}")
     planar = _from_bit_planes(data, count, components, kind, bits)
@@ -184,10 +183,14 @@ def _from_bit_planes(
     for shift, swap in _TRANSPOSE:
         swapped = (words ^ (words >> shift)) & swap
         words ^= swapped ^ (swapped << shift)
-    items = parts.reshape(components, parts.shape[1], -1)[:, :, :count]
-    planar = items[:, 0].astype(kind)
-    for q in range(1, items.shape[1]):
-        planar |= items[:, q].astype(kind) << kind.type(8 * q)
+    return _joined(parts.reshape(components, parts.shape[1], -1)[:, :, :count], kind)
+
+
+def _joined(parts: Bytes, kind: np.dtype[Any]) -> Ints:
+    """(components, n) values of (components, 1 to 4, n) bytes, low bytes first."""
+    planar: Ints = parts[:, 0].astype(kind)
+    for q in range(1, parts.shape[1]):
+        planar |= parts[:, q].astype(kind) << kind.type(8 * q)
     return planar
 
 

@@ -18,10 +18,8 @@ EXACT_TOTAL = 1 << 51
 @kernel
 def rounded_mean(total, weight):
     """total / weight rounded half up; total int64 >= 0, weight int64 >= 1; nothing overflows."""
-    if total < EXACT_TOTAL:
-        quotient = np.int64(float(total) / float(weight))
-    else:
-        quotient = total // weight
+    quick = total < EXACT_TOTAL
+    quotient = np.int64(float(total) / float(weight)) if quick else total // weight
     rest = total - quotient * weight
     return quotient + 1 if rest >= weight - rest else quotient
 
