@@ -168,7 +168,7 @@ def total_box(rows: Array) -> tuple[tuple[float, ...], tuple[float, ...]] | None
 class StreamReader:
     """Opens a stream by its header, directory and tail; each chunk is read when asked for.
 
-    The file is opened anew for each read, so that a reader pickles and owns no descriptor.
+    The file is opened anew for each read: a reader owns no descriptor and needs no closing.
     """
 
     attributes: tuple[Attribute, ...]

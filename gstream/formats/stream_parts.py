@@ -49,6 +49,7 @@ from gstream.formats.stream_filters import (
 )
 
 BOX: Final = Struct("<6d")
+WORTH_PACKING: Final = 64  # bytes; LZ4 keeps the last 12 as they are
 CODECS: Final = (CODEC_RAW, CODEC_LZ4, CODEC_CONSTANT)
 INDEX_FILTERS: Final = (FILTER_NONE, FILTER_FIRST_USE)
 VALUE_FILTERS: Final = (
@@ -126,7 +127,7 @@ def _encode_part(
     if attribute is not INDEX and _constant(bits):
         codec, stored = CODEC_CONSTANT, bits[0].tobytes()
         raw = len(stored)
-    elif len(bits) > 1:
+    elif raw >= WORTH_PACKING:
         filter_, planes = _filtered(attribute, bits, bases, filters)
         codec, stored = CODEC_LZ4, compress(planes.data, lz4)
     if codec == CODEC_RAW or (codec == CODEC_LZ4 and len(stored) >= raw):
