@@ -52,6 +52,10 @@ OCCLUSION_SAMPLES: Final = 24
 SHADOW_REACH: Final = 0.5  # of the extent
 SHADOW_THICKNESS: Final = 0.25
 SHADOW_STEPS: Final = 40
+OCCLUSION_BIAS: Final = (
+    1.5  # voxel edges: a flat oblique surface is a staircase, and must not shade itself
+)
+SHADOW_BIAS: Final = 2.5
 SMOOTH_REACH: Final = 3  # pixels
 CLAY: Final = (208, 196, 182)  # sRGB
 SKY_TOP: Final = (236, 239, 243)
@@ -93,11 +97,12 @@ def render(
     size: tuple[int, int] = (1280, 720),
     view: str = "three-quarter",
     level: int | None = None,
+    up: str | None = None,
 ) -> PreviewInfo:
     """Draw the block file `path` into the PNG `output`.
 
     size : width, height in pixels; view : a name of VIEWS, or "azimuth,elevation" in degrees;
-    level : None picks the one whose voxel is about a pixel
+    level : None picks the one whose voxel is about a pixel; up : y or z, None = as the file says
     errors : UsageError, and those of reading
     """
     width, height = size
@@ -109,7 +114,7 @@ def render(
     direction = parse_view(view)
     scale = SUPERSAMPLING if width * height * SUPERSAMPLING**2 <= MAX_SAMPLES else 1
     with open_block_file(path, filters=filters) as file:
-        scene = Scene.of_file(file)
+        scene = Scene.of_file(file, up)
         if level is not None and not 0 <= level < file.levels:
             raise UsageError(f"{path}: there is no level {level}", f"give 0 to {file.levels - 1}")
         samples = (width * scale, height * scale)
@@ -149,10 +154,12 @@ class Scene:
     entries: dict[int, Entries]  # directory rows of the levels asked for so far
 
     @classmethod
-    def of_file(cls, file: BlockFile) -> "Scene":
+    def of_file(cls, file: BlockFile, up: str | None) -> "Scene":
         """A file whose up axis is neither y nor z, or not said, is shown with z up."""
-        up = str(file.metadata.get("up", "z")).lower().lstrip("+")
-        return cls(file, up if up in UP else "z", {})
+        if up is not None and up not in UP:
+            raise UsageError(f"up axis {up!r} is not known", f"give one of {', '.join(UP)}")
+        said = str(file.metadata.get("up", "z")).lower().lstrip("+")
+        return cls(file, up or (said if said in UP else "z"), {})
 
     @property
     def voxel_size(self) -> float:
@@ -310,33 +317,14 @@ class Picture:
     def _blocked(self, camera: Camera, edge: float, scale: int) -> tuple[Samples, Samples]:
         """How much of the sky, and of the key lamp, each pixel sees: two (h, w) float32, 0 to 1."""
         open_sky, lit = np.ones_like(self.depth), np.empty_like(self.depth)
-        lens = camera.lens / scale
+        seen = (self.depth, self.normal, camera.turn, camera.lens / scale)
         for part in OCCLUSION_RADII:
             radius = max(camera.extent * part, 4 * edge)
-            shade.occlusion(
-                self.depth,
-                self.normal,
-                camera.turn,
-                lens,
-                radius,
-                edge,
-                OCCLUSION_SAMPLES,
-                open_sky,
-            )
+            shade.occlusion(*seen, radius, OCCLUSION_BIAS * edge, OCCLUSION_SAMPLES, open_sky)
         reach, thickness = camera.extent * SHADOW_REACH, camera.extent * SHADOW_THICKNESS
-        shade.shadow(
-            self.depth,
-            self.normal,
-            camera.turn,
-            lens,
-            reach,
-            thickness,
-            1.5 * edge,
-            SHADOW_STEPS,
-            lit,
-        )
+        shade.shadow(*seen, reach, thickness, SHADOW_BIAS * edge, SHADOW_STEPS, lit)
         tolerance = max(2 * edge, camera.extent * 0.01)
-        return tuple(self._smoothed(values, tolerance) for values in (open_sky, lit))  # type: ignore[return-value]
+        return self._smoothed(open_sky, tolerance), self._smoothed(lit, tolerance)
 
     def _smoothed(self, values: Samples, tolerance: float) -> Samples:
         out = np.empty_like(values)
