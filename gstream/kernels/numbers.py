@@ -93,7 +93,12 @@ def _word(text, first, end):
         b, c = text[first + 1] | 32, text[first + 2] | 32
     if a == 110 and b == 97 and c == 110 and (size == 3 or text[first + 3] == 40):
         return np.nan, READ
-    if a == 105 and b == 110 and c == 102 and (size == 3 or (size == 8 and text[end - 1] | 32 == 121)):
+    if (
+        a == 105
+        and b == 110
+        and c == 102
+        and (size == 3 or (size == 8 and text[end - 1] | 32 == 121))
+    ):
         return np.inf, READ
     if text[first] == 35 and size >= 4:
         infinite = text[first + 1] | 32 == 105 and text[first + 3] | 32 == 102

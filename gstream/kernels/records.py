@@ -1,5 +1,7 @@
 """Records of numbers, some of them lists, to triangles: the elements of PLY and the rows of OFF."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -25,6 +27,12 @@ def new_state() -> npt.NDArray[np.int64]:
     state = np.zeros(AT_LINE_END + 1, np.int64)
     state[LEFT] = NOT_IN_LIST
     return state
+
+
+def number_views() -> tuple[npt.NDArray[Any], ...]:
+    """Eight bytes seen as one number of each of KINDS; made here, as numba takes 2 s to compile it."""
+    raw = np.zeros(8, np.uint8)
+    return tuple(raw.view(kind) for kind in KINDS)
 
 
 @kernel
@@ -88,7 +96,7 @@ def walk_records(values, flags, first, stop, roles, slots, rows, vertices, state
         if state[LEFT] == 0:
             if role == FAN and state[ITEM] < 3:
                 state[SKIPPED] += 1
-            if role == CAPTURED_LIST or role == REST_OF_LINE:
+            if role in (CAPTURED_LIST, REST_OF_LINE):
                 captured[done, slot + CAPTURED] = state[ITEM]
             state[LEFT] = NOT_IN_LIST
             state[PROPERTY] += 1
@@ -107,7 +115,7 @@ def walk_records(values, flags, first, stop, roles, slots, rows, vertices, state
             if role == CAPTURED_LIST:
                 captured[done, slot : slot + CAPTURED + 2] = 0
         else:
-            if role == FAN or role == STRIP:
+            if role in (FAN, STRIP):
                 restart = role == STRIP and value == -1.0
                 if not restart and not (_is_count(value) and value < vertices):
                     return at, made, done, BAD_INDEX
@@ -127,7 +135,7 @@ def walk_records(values, flags, first, stop, roles, slots, rows, vertices, state
 
 
 @kernel
-def decode_records(data, first, stop, swap, counts, kinds, rows, state, values):
+def decode_records(data, first, stop, swap, counts, kinds, rows, state, values, views):
     """Unpack binary records, lists included, into numbers in the file's order.
 
     data : (n,) uint8;  first, stop : int;  swap : bool   the bytes are in the other order than ours
@@ -135,14 +143,12 @@ def decode_records(data, first, stop, swap, counts, kinds, rows, state, values):
     rows : int   records of the element
     state : (11,) int64   PROPERTY, LEFT and RECORD are used; kept from call to call
     values : (k,) float64   written
+    views : from number_views   eight bytes to put a number in
     returns: int, int   numbers written, bytes used
     errors : none; a list's count is taken as it comes, below 1 is none (walk_records checks it)
     source : G. Turk, "The PLY Polygon File Format" (1994)
     """
-    raw = np.zeros(8, np.uint8)
-    i1, i2, i4, i8 = raw.view(np.int8), raw.view(np.int16), raw.view(np.int32), raw.view(np.int64)
-    u2, u4, u8 = raw.view(np.uint16), raw.view(np.uint32), raw.view(np.uint64)
-    f4, f8 = raw.view(np.float32), raw.view(np.float64)
+    i1, raw, i2, u2, i4, u4, i8, u8, f4, f8 = views
     at, written = first, 0
     while state[RECORD] < rows and written < len(values):
         item = state[LEFT] != NOT_IN_LIST or counts[state[PROPERTY]] < 0
@@ -176,7 +182,7 @@ def decode_records(data, first, stop, swap, counts, kinds, rows, state, values):
             state[LEFT] -= 1
         elif not item:
             state[LEFT] = np.int64(value) if value >= 1 else 0
-        if item and state[LEFT] == NOT_IN_LIST or state[LEFT] == 0:
+        if (item and state[LEFT] == NOT_IN_LIST) or state[LEFT] == 0:
             state[LEFT] = NOT_IN_LIST
             state[PROPERTY] += 1
             if state[PROPERTY] == len(kinds):

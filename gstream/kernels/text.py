@@ -1,6 +1,5 @@
 """Blocks of text to numbers: the tokens of PLY and OFF bodies, and the facets of ASCII STL."""
 
-import numpy as np
 
 from gstream.kernels import kernel
 from gstream.kernels.numbers import BAD, READ, parse_number, plain_number
@@ -46,7 +45,9 @@ def skip_space(text, first, stop, hashes):
 def token_end(text, first, stop, hashes):
     """The byte after the token that starts at `first`."""
     end = first
-    while end < stop and not is_space(text[end]) and not (hashes and end > first and text[end] == 35):
+    while (
+        end < stop and not is_space(text[end]) and not (hashes and end > first and text[end] == 35)
+    ):
         end += 1
     return end
 
@@ -61,7 +62,7 @@ def next_token(text, first, stop):
 @kernel
 def _has_point(text, first, end):
     """Whether a token is written as a real: with a point or an exponent."""
-    for i in range(first, end):
+    for i in range(first, end):  # noqa: SIM110  numba has no generators
         if text[i] == 46 or text[i] | 32 == 101:
             return True
     return False
@@ -112,7 +113,7 @@ def _is(text, first, end, word):
     """Whether text[first:end] is `word` (bytes in lower case), in any case."""
     if end - first != len(word):
         return False
-    for i in range(len(word)):
+    for i in range(len(word)):  # noqa: SIM110  as above
         if text[first + i] | 32 != word[i]:
             return False
     return True
@@ -171,7 +172,7 @@ def parse_facets(text, first, stop, corners, slow):
             skip -= 1
             continue
         word = _stl_word(text, start, end)
-        if word == OTHER and not ended and (before == ENDFACET or before == ENDLOOP):
+        if word == OTHER and not ended and before in (ENDFACET, ENDLOOP):
             at, word = _skip_line(text, end, stop), before
             continue
         if word == VERTEX and inside and seen < 3:
@@ -200,11 +201,11 @@ def parse_facets(text, first, stop, corners, slow):
             inside, seen, slow_in = True, 0, 0
         elif word == NORMAL and inside:
             skip = 3
-        elif (word == LOOP or word == ENDLOOP) and inside:
+        elif word in (LOOP, ENDLOOP) and inside:
             continue
         elif word == ENDFACET and inside and seen == 3:
             facets, waiting, kept, inside = facets + 1, waiting + slow_in, at, False
-        elif (word == SOLID or word == ENDSOLID) and not inside:
+        elif word in (SOLID, ENDSOLID) and not inside:
             at = _skip_line(text, end, stop)
             if at == stop:
                 return facets, waiting, kept, MORE_TEXT, start

@@ -8,12 +8,17 @@ from gstream.kernels.numbers import BAD, READ, parse_number, plain_number
 from gstream.kernels.text import is_line_end, is_space
 
 # The state of a file, kept from call to call
-(VERTICES, TRIANGLES, NORMALS, WAITING, ALL_VERTICES, ALL_NORMALS, FACES, SKIPPED, UNREAD) = range(9)
-(MATERIAL, LAST_VERTEX, LAST_FACE, IN_FACE, RUN, FIRST, FIRST_N, PREVIOUS, PREVIOUS_N) = range(9, 18)
+(VERTICES, TRIANGLES, NORMALS, WAITING, ALL_VERTICES, ALL_NORMALS, FACES, SKIPPED, UNREAD) = range(
+    9
+)
+(MATERIAL, LAST_VERTEX, LAST_FACE, IN_FACE, RUN, FIRST, FIRST_N, PREVIOUS, PREVIOUS_N) = range(
+    9, 18
+)
 
 # What ended a call of parse_lines
 MORE_TEXT, FULL, MATERIAL_LINE, BAD_NUMBER, BAD_VERTEX, BAD_INDEX = 0, 1, 2, 3, 4, 5
 
+USEMTL, MTLLIB = np.frombuffer(b"usemtl", np.uint8), np.frombuffer(b"mtllib", np.uint8)
 NO_NORMAL, LOST_NORMAL = -1, -2  # normal ids: none given, or before the first one
 
 
@@ -181,41 +186,41 @@ def _is_ignored(text, start, end):
     b = text[start + 1] if size > 1 else 0
     if a == 35 or (size == 1 and (a == 103 or a == 111 or a == 115)):
         return True
-    return size == 2 and (a == 118 and (b == 116 or b == 112) or a == 109 and b == 103)
+    return size == 2 and ((a == 118 and (b == 116 or b == 112)) or (a == 109 and b == 103))
 
 
 @kernel
 def _is_material(text, start, end):
     """Whether a token is usemtl or mtllib."""
-    word = text[start:end]
-    if len(word) != 6:
+    if end - start != 6:
         return False
-    use = word[0] == 117 and word[1] == 115 and word[2] == 101  # use
-    library = word[3] == 108 and word[4] == 105 and word[5] == 98  # lib
-    return (use and word[3] == 109 and word[4] == 116 and word[5] == 108) or (
-        library and word[0] == 109 and word[1] == 116 and word[2] == 108
-    )
+    use, library = True, True
+    for i in range(6):
+        use &= text[start + i] == USEMTL[i]
+        library &= text[start + i] == MTLLIB[i]
+    return use or library
 
 
 @kernel
-def _vertex_line(text, end, line, normal, state, out):
-    """Read the line of a v or vn; returns a code and the byte of what is wrong."""
+def _vertex_line(text, first, line, normal, state, out, row):
+    """Read the numbers of a v or vn; returns a code and the byte of what is wrong.
+
+    Elements are copied one by one: slice assignment costs numba 6 s of compiling for its messages.
+    """
     positions, colours, directions, slow = out[0], out[1], out[2], out[3]
-    row = np.empty(8)
-    if normal:
-        place = state[NORMALS]
-        count, wrong = _numbers(text, end, line, 3, row, 2, place, state, slow)
-        directions[place] = row[:3]
-    else:
-        place = state[VERTICES]
-        count, wrong = _numbers(text, end, line, 8, row, 0, place, state, slow)
-        if count < 6:
-            row[3:6] = np.nan
-        positions[place], colours[place] = row[:3], row[3:6]
+    place = state[NORMALS] if normal else state[VERTICES]
+    most, kind = (3, 2) if normal else (8, 0)
+    count, wrong = _numbers(text, first, line, most, row, kind, place, state, slow)
     if count < 3:
-        return (BAD_VERTEX, end) if wrong < 0 else (BAD_NUMBER, wrong)
+        return (BAD_VERTEX, first) if wrong < 0 else (BAD_NUMBER, wrong)
     if wrong >= 0 and text[wrong] != 35:
         return BAD_NUMBER, wrong
+    for axis in range(3):
+        if normal:
+            directions[place, axis] = row[axis]
+        else:
+            positions[place, axis] = row[axis]
+            colours[place, axis] = row[3 + axis] if count >= 6 else np.nan
     if normal:
         state[NORMALS] += 1
         state[ALL_NORMALS] += 1
@@ -237,7 +242,7 @@ def parse_lines(text, first, stop, state, out):
     errors : none here; the codes
     source : Wavefront Advanced Visualizer, Appendix B1 (1992)
     """
-    at = first
+    at, row = first, np.empty(8)
     while True:
         line = _line_stop(text, at, stop)
         if line < 0:
@@ -255,7 +260,7 @@ def parse_lines(text, first, stop, state, out):
             rows = state[NORMALS] if size == 2 else state[VERTICES]
             if rows == len(out[0]) or state[WAITING] + 8 > len(out[3]):
                 return at, FULL, at
-            code, wrong = _vertex_line(text, end, line, size == 2, state, out)
+            code, wrong = _vertex_line(text, end, line, size == 2, state, out, row)
             if code != MORE_TEXT:
                 return at, code, wrong
         elif size == 1 and (a == 108 or a == 112):

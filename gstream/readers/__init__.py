@@ -33,7 +33,11 @@ def open_mesh(path: Path, spill: Spill) -> Mesh:
     if plain is not path and not mesh.lies_in(plain):
         plain.unlink()
     if mesh.triangle_count == 0:
-        thin = f", only {mesh.skipped_faces} points, lines or smaller ones" if mesh.skipped_faces else ""
+        thin = (
+            f", only {mesh.skipped_faces} points, lines or smaller ones"
+            if mesh.skipped_faces
+            else ""
+        )
         said = f"has no faces{thin}"
         raise InputError(name, "", said, "give a mesh with triangles")
     return mesh

@@ -94,6 +94,7 @@ class BinaryNumbers:
         self._data = np.empty(BYTES, np.uint8)
         self._have = self._used = 0
         self.values, self.flags = np.empty(BATCH), np.zeros(BATCH, np.uint8)
+        self._views = kernel.number_views()
         self.at = self.stop = 0
         self.tell = file.tell()  # byte of the first number that was not yet decoded
 
@@ -110,7 +111,7 @@ class BinaryNumbers:
         rest = self._data[self._used : self._have].copy()
         self._data[: len(rest)] = rest
         self._have = len(rest) + self._file.readinto(self._data[len(rest) :].data)  # type: ignore[attr-defined]
-        schema = (self._counts, self._kinds, self._rows, self._state, self.values)
+        schema = (self._counts, self._kinds, self._rows, self._state, self.values, self._views)
         count, used = kernel.decode_records(self._data, 0, self._have, self._swap, *schema)
         self.at, self.stop, self._used = 0, int(count), int(used)
         self.tell += self._used

@@ -62,13 +62,13 @@ def open_off(path: Path, name: str, spill: Spill) -> Mesh:
         return _text(file, kind, name, line, path.stat().st_size, spill)
 
 
-def _text(
-    file: BinaryIO, kind: _Kind, name: str, line: int, size: int, spill: Spill
-) -> Mesh:
+def _text(file: BinaryIO, kind: _Kind, name: str, line: int, size: int, spill: Spill) -> Mesh:
     source = TextNumbers(TextBlocks(file, name, line), hashes=True)
     vertices, faces = _counts(source, name)
     if 6 * vertices + 4 * faces > size:
-        said = f"the header promises {vertices} vertices and {faces} faces, too many for {size} bytes"
+        said = (
+            f"the header promises {vertices} vertices and {faces} faces, too many for {size} bytes"
+        )
         raise InputError(name, f"line {line}", said, "copy the file again")
     positions = Column(spill("positions"), "<f8", 3)
     normals = Column(spill("normals"), "<f4", 3) if kind.normals else None
@@ -192,9 +192,7 @@ def _binary(path: Path, file: BinaryIO, kind: _Kind, name: str, spill: Spill) ->
     return _faces(source, plan, name, (positions, normals, colours), spill, {})
 
 
-def _binary_counts(
-    file: BinaryIO, vertex_bytes: int, size: int, name: str
-) -> tuple[str, int, int]:
+def _binary_counts(file: BinaryIO, vertex_bytes: int, size: int, name: str) -> tuple[str, int, int]:
     """Byte order, vertices and faces: Geomview's big-endian, unless only the other order fits."""
     at = file.tell()
     head = file.read(12)

@@ -88,7 +88,9 @@ def check_size(header: Header, size: int, name: str) -> None:
     for element in header.elements:
         one = element.smallest if header.order else 2 * len(element.properties)
         if element.rows * one - (not header.order) > there:
-            said = f"the file ends inside element {element.name}: the header promises {element.rows}"
+            said = (
+                f"the file ends inside element {element.name}: the header promises {element.rows}"
+            )
             raise InputError(name, f"byte {size}", said, "copy the file again")
         there -= element.rows * one
 

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from gstream.kernels import records as kernel
 from gstream.readers import ply_columns
 from gstream.readers.mesh import DiskArray, Mesh
@@ -74,26 +72,32 @@ class _Body:
             self.vertex_arrays = ply_columns.attributes_of(table, spill)
             self.source.tell += vertex.rows * vertex.smallest
             return
+        self.source.begin(vertex)
+        self.vertex_arrays = self._walk_vertices()
+
+    def _walk_vertices(self) -> tuple[DiskArray, DiskArray | None, DiskArray | None]:
+        vertex, spill = self.vertex, self.spill
         places, normals = find(vertex, COORDINATES), find(vertex, NORMALS)
         colours = find(vertex, COLOURS)
         kinds = [p.kind for p in vertex.properties]
+        painted = [kinds[i] for i in colours]
         single = all(kinds[i] == "f4" for i in places)
-        columns = [Column(spill("positions"), "<f4" if single else "<f8", 3)]
-        columns += [Column(spill("normals"), "<f4", 3)] if normals else []
-        columns += [Column(spill("colours"), "|u1", 4)] if colours else []
-        self.source.begin(vertex)
-        a, b = len(places), len(places) + len(normals)
-        for batch in walk(self.source, self.plan(vertex, places + normals + colours, kernel.LIST), self.name):
+        xyz = Column(spill("positions"), "<f4" if single else "<f8", 3)
+        directions = Column(spill("normals"), "<f4", 3) if normals else None
+        codes = Column(spill("colours"), "|u1", 4) if colours else None
+        first = 6 if normals else 3
+        plan = self.plan(vertex, places + normals + colours, kernel.LIST)
+        for batch in walk(self.source, plan, self.name):
             rows = batch.captured
-            parts = [rows[:, :a]] + ([rows[:, a:b]] if normals else [])
-            parts += [as_codes(list(rows[:, b:].T), [kinds[i] for i in colours])] if colours else []
-            for column, part in zip(columns, parts, strict=True):
-                column.append(part)
-        arrays = [column.close() for column in columns]
-        self.vertex_arrays = (
-            arrays[0],
-            arrays[1] if normals else None,
-            arrays[-1] if colours else None,
+            xyz.append(rows[:, :3])
+            if directions is not None:
+                directions.append(rows[:, 3:6])
+            if codes is not None:
+                codes.append(as_codes(list(rows[:, first:].T), painted))
+        return (
+            xyz.close(),
+            directions.close() if directions is not None else None,
+            codes.close() if codes is not None else None,
         )
 
     def read_faces(self, element: Element) -> None:

@@ -50,11 +50,11 @@ def walk(source: NumberSource, plan: Plan, name: str) -> Iterator[Batch]:
         if source.at == source.stop and not source.refill():
             what = f"{plan.what} {state[kernel.RECORD]} of {plan.rows}"
             said = f"the file ends inside {what}"
-            raise InputError(name, source.place(source.stop), said, "copy it again, or export it again")
+            raise InputError(
+                name, source.place(source.stop), said, "copy it again, or export it again"
+            )
         numbers = (source.values, source.flags, source.at, source.stop)
-        walked = kernel.walk_records(
-            *numbers, roles, slots, plan.rows, plan.vertices, state, out
-        )
+        walked = kernel.walk_records(*numbers, roles, slots, plan.rows, plan.vertices, state, out)
         source.at, count, done, code = (int(v) for v in walked)
         if code > kernel.ALL_RECORDS:
             raise _wrong(source, plan, code, int(state[kernel.RECORD]), name)
@@ -67,7 +67,9 @@ def _wrong(source: NumberSource, plan: Plan, code: int, record: int, name: str) 
     if code == kernel.LONG_LINE:
         said = f"{plan.what} {record} has more values than the header gives it"
         return InputError(name, source.place(source.at - 1), said, "export the file again")
-    said = f"{plan.what} {record} has the vertex {source.said(source.at)}, there are {plan.vertices}"
+    said = (
+        f"{plan.what} {record} has the vertex {source.said(source.at)}, there are {plan.vertices}"
+    )
     if code == kernel.BAD_COUNT:
         said = f"{plan.what} {record} has a list of {source.said(source.at)} entries"
     return InputError(name, source.place(source.at), said, "repair or export the file again")

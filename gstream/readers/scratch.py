@@ -1,5 +1,6 @@
 """Writing arrays of unknown length to scratch, block by block."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,29 +17,30 @@ Spill = Callable[[str], Path]  # a name, unique in one input -> the path of its 
 class Column:
     """A scratch file that grows by rows; `close()` gives the array.
 
-    The unit that spills publishes only the mesh's description, after every column is closed, so a
-    column that was cut off is never read.
+    The file is open only while a block is written, so that an error on the way leaves none open.
+    What is spilled is believed only when its unit is marked as done, after every column is closed.
     """
 
     def __init__(self, path: Path, dtype: str, width: int) -> None:
         self.path, self.dtype, self.width = path, np.dtype(dtype), width
         self.rows = 0
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = open(path, "wb")  # noqa: SIM115  closed by close()
+        path.write_bytes(b"")
 
     def append(self, rows: npt.NDArray[Any]) -> None:
         """Append rows of shape (n, width), converted to the column's type."""
-        block = np.ascontiguousarray(rows, self.dtype)
-        self._file.write(block.data)
+        with np.errstate(over="ignore", invalid="ignore"):  # 1e99 as f4 is inf, counted at ingest
+            block = np.ascontiguousarray(rows, self.dtype)
+        with open(self.path, "ab") as file:
+            file.write(block.tobytes())
         self.rows += len(block)
 
     def close(self) -> DiskArray:
-        self._file.close()
+        with open(self.path, "rb") as file:
+            os.fsync(file.fileno())
         size = self.dtype.itemsize
-        strides = (size * self.width, size)
-        return DiskArray(
-            str(self.path), 0, self.dtype.str, (self.rows, self.width), strides
-        )
+        shape, strides = (self.rows, self.width), (size * self.width, size)
+        return DiskArray(str(self.path), 0, self.dtype.str, shape, strides)
 
 
 class LateColumn:

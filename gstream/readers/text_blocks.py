@@ -54,9 +54,7 @@ class TextBlocks:
     def error(self, at: int, said: str, remedy: str) -> InputError:
         return InputError(self.name, f"line {self.line_of(at)}", said, remedy)
 
-    def round_slow(
-        self, values: npt.NDArray[np.float64], slow: npt.NDArray[np.int64]
-    ) -> None:
+    def round_slow(self, values: npt.NDArray[np.float64], slow: npt.NDArray[np.int64]) -> None:
         """Let Python round what a kernel left: rows of place in `values`, first and end in `text`."""
         for place, first, end in slow:
             values[place] = float(self.text[first:end].tobytes())
@@ -66,7 +64,9 @@ class TextBlocks:
         feeds, returns = text == 10, text == 13
         lines = int(np.count_nonzero(feeds))
         if returns.any():
-            lines += int(np.count_nonzero(returns)) - int(np.count_nonzero(returns[:-1] & feeds[1:]))
+            lines += int(np.count_nonzero(returns)) - int(
+                np.count_nonzero(returns[:-1] & feeds[1:])
+            )
         return lines - int(self._after_return and count > 0 and bool(feeds[0]))
 
     def _grow(self) -> None:
