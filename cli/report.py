@@ -36,11 +36,9 @@ def _rows(report: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for level in held.get("levels", []):
         yield f"voxels of level {level['level']}", f"{level['voxels']:,}"
     for stage in report["stages"]:
-        resumed = f", {stage['resumed']} of them before" if stage["resumed"] else ""
-        yield (
-            f"stage {stage['stage']}",
-            f"{stage['seconds']:.2f} s, {stage['units']} units{resumed}",
-        )
+        units = f"{stage['units']} unit{'s' if stage['units'] != 1 else ''}"
+        before = f", {stage['resumed']} done before" if stage["resumed"] else ""
+        yield f"stage {stage['stage']}", f"{stage['seconds']:.2f} s, {units}{before}"
     yield "kernels loaded or compiled", f"{report['warm_seconds']:.2f} s"
     yield "time in all", f"{clock(report['seconds'])} ({report['cpu_seconds']:.1f} s of CPU)"
     yield "bytes", f"{report['output_bytes']:,}"

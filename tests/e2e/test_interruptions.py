@@ -1,0 +1,99 @@
+"""Killed, interrupted and repeated: a job ends in the same bytes, half-written files in none."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from e2e.meshes import sphere, write_ply
+from e2e.program import PROGRAM, fail, succeed
+
+SETTINGS = ("--resolution", 256, "--block", 16, "--cell", 16, "--sep", "conservative")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a sphere and what an undisturbed build makes of it."""
+    made = tmp_path_factory.mktemp("kill")
+    write_ply(made / "sphere.ply", *sphere(120))
+    succeed(made, "build", "sphere.ply", "-o", "whole.gsb", *SETTINGS, "--workers", 0)
+    return made
+
+
+def start(folder: Path, output: str, workers: int) -> subprocess.Popen[str]:
+    command = [PROGRAM, "build", "sphere.ply", "-o", output, *SETTINGS, "--workers", workers]
+    return subprocess.Popen(
+        [str(part) for part in command],
+        cwd=folder,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def wait_for(folder: Path, pattern: str, process: subprocess.Popen[str]) -> bool:
+    """Wait until a file of that pattern is there; False when the process ends before."""
+    while process.poll() is None:
+        if any(folder.glob(pattern)):
+            return True
+        time.sleep(0.01)
+    return False
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+@pytest.mark.parametrize("stage", ["2-ingest", "3-presort", "4-voxelize", "6-simplify"])
+def test_a_killed_job_resumes_to_the_same_bytes(folder, stage, workers):
+    output = f"killed-{stage}-{workers}.gsb"
+    with start(folder, output, workers) as process:
+        if not wait_for(folder, f"gstream-*/{stage}/*.done", process):
+            pytest.skip("the job was over before it could be killed")
+        process.kill()
+        process.communicate()
+    if not (folder / output).exists():
+        assert list(folder.glob("gstream-*/job.json"))
+        succeed(
+            folder,
+            "build",
+            "sphere.ply",
+            "-o",
+            output,
+            *SETTINGS,
+            "--workers",
+            workers,
+            "--report",
+            "r",
+        )
+        report = json.loads((folder / "r").read_text())
+        assert sum(part["resumed"] for part in report["stages"]) > 0
+    assert (folder / output).read_bytes() == (folder / "whole.gsb").read_bytes()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_job_exits_with_3_and_one_line_that_says_how_to_resume(folder, number):
+    output = f"stopped-{number}.gsb"
+    with start(folder, output, 2) as process:
+        assert wait_for(folder, "gstream-*/4-voxelize/*.done", process)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 3
+    line = said.splitlines()[-1]
+    assert line.startswith(
+        f"gstream: stopped by {number.name}; run the same command again to resume"
+    )
+    assert not (folder / output).exists()
+    succeed(folder, "build", "sphere.ply", "-o", output, *SETTINGS, "--workers", 2)
+    assert (folder / output).read_bytes() == (folder / "whole.gsb").read_bytes()
+
+
+def test_a_second_run_of_a_running_job_is_refused(folder):
+    with start(folder, "twice.gsb", 0) as process:
+        assert wait_for(folder, "gstream-*/job.json", process)
+        os.kill(process.pid, signal.SIGSTOP)
+        arguments = ("build", "sphere.ply", "-o", "twice.gsb", *SETTINGS, "--workers", 0)
+        assert "this job is running already in another process" in fail(folder, 2, *arguments)
+        os.kill(process.pid, signal.SIGCONT)
+        process.communicate()
+    assert process.returncode == 0
