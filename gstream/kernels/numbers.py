@@ -1,4 +1,4 @@
-"""Decimal text to binary64, correctly rounded; what these rules cannot decide is left to Python's float.
+"""Decimal text to binary64, correctly rounded; what the rules cannot decide is left to Python.
 
 source: D. Lemire, "Number Parsing at a Gigabyte per Second", Software: Practice and Experience 51
 (2021), section 5; W. D. Clinger, "How to Read Floating Point Numbers Accurately", PLDI 1990 (the
@@ -86,7 +86,7 @@ def _round_decimal(mantissa, power):
 
 @kernel
 def _word(text, first, end):
-    """nan and inf as C libraries print them: nan, -nan(ind), inf, infinity, and #QNAN after '1.'."""
+    """nan and inf as C libraries print them: nan, nan(ind), inf, infinity, #QNAN after '1.'."""
     size = end - first
     a, b, c = text[first] | 32, U0, U0
     if size >= 3:
@@ -132,7 +132,7 @@ def parse_number(text, first, end):
     text : (n,) uint8;  first, end : int   a token without white space
     returns: float64, int   the value, and READ, SLOW (well formed, use Python's float) or BAD
     errors : none; hexadecimal, digit groups and trailing letters are BAD
-    source : the module's docstring; zeros are held back so that 1.000000000000000000e+00 stays exact
+    source : the module's docstring; zeros are held back, so that 1.000000000000000000e+00 is exact
     """
     i, sign = first, 1.0
     if i < end and (text[i] == 43 or text[i] == 45):
@@ -192,8 +192,8 @@ def plain_number(text, first, stop):
     """Read [-]digits[.digits] in one pass: nearly every token of real files; twice as fast so.
 
     text : (n,) uint8;  first, stop : int
-    returns: float64, int, bool, bool   the value, the byte after it, whether the token was plain and
-        ended in white space before `stop` (else the other values mean nothing), whether it had a point
+    returns: float64, int, bool, bool   the value, the byte after it, whether the token was plain
+        and ended in white space before `stop` (else the rest means nothing), whether it had a point
     errors : none; what is not plain is for parse_number
     source : Clinger 1990, the exact case
     """

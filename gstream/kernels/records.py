@@ -30,7 +30,7 @@ def new_state() -> npt.NDArray[np.int64]:
 
 
 def number_views() -> tuple[npt.NDArray[Any], ...]:
-    """Eight bytes seen as one number of each of KINDS; made here, as numba takes 2 s to compile it."""
+    """Eight bytes seen as one number of each of KINDS; numba would take 2 s to compile this."""
     raw = np.zeros(8, np.uint8)
     return tuple(raw.view(kind) for kind in KINDS)
 

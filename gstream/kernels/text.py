@@ -1,6 +1,5 @@
 """Blocks of text to numbers: the tokens of PLY and OFF bodies, and the facets of ASCII STL."""
 
-
 from gstream.kernels import kernel
 from gstream.kernels.numbers import BAD, READ, parse_number, plain_number
 
@@ -27,7 +26,7 @@ def is_line_end(c):
 
 @kernel
 def skip_space(text, first, stop, hashes):
-    """The first byte that is neither white space nor, with `hashes`, in a comment; whether a line ended."""
+    """The first byte that is neither white space nor in a comment (`hashes`); whether a line ended."""
     i, ended = first, False
     while i < stop:
         if hashes and text[i] == 35:
@@ -54,7 +53,7 @@ def token_end(text, first, stop, hashes):
 
 @kernel
 def next_token(text, first, stop):
-    """The next token: its start, its end (start = stop when there is none), whether a line ended."""
+    """The next token's start and end (start = stop when there is none), whether a line ended."""
     start, ended = skip_space(text, first, stop, False)
     return start, token_end(text, start, stop, False), ended
 
@@ -75,8 +74,8 @@ def parse_numbers(text, first, stop, hashes, values, starts, flags):
     text : (n,) uint8, ends in a line feed when it is the last of its file;  first, stop : int
     hashes : bool   '#' starts a comment
     values : (k,) float64, starts : (k,) int64 byte of each token, flags : (k,) uint8   written
-    returns: int, int   tokens read, and the byte from which to go on; a token at the very end of the
-        text is left for the next call, as more of it, or its line's end, may follow
+    returns: int, int   tokens read, and the byte from which to go on; a token at the very end of
+        the text is left for the next call, as more of it, or its line's end, may follow
     errors : none here; BAD_TOKEN marks what is no number, SLOW_TOKEN what Python must round
     source : none
     """
@@ -154,7 +153,7 @@ def parse_facets(text, first, stop, corners, slow):
 
     text : (n,) uint8;  first, stop : int
     corners : (k, 9) float64   written: three corners per facet
-    slow : (m, 3) int64   written: index into corners.ravel(), start and end of tokens left to Python
+    slow : (m, 3) int64   written: index into corners.ravel(), start and end of tokens for Python
     returns: int, int, int, int, int   facets, slow tokens, the byte to go on from, code (MORE_TEXT,
         FULL, BAD_WORD, BAD_COORDINATE, BAD_FACET), and the byte of what is wrong
     errors : none here; the codes

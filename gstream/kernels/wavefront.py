@@ -106,7 +106,7 @@ def _numbers(text, first, stop, most, row, kind, number, state, slow):
 
 @kernel
 def _integer(text, first, end):
-    """A signed integer up to the next '/' or `end`: value and the byte after; 0 when there is none."""
+    """A signed integer up to the next '/' or `end`, and the byte after; 0 when there is none."""
     i, sign, value = first, 1, 0
     if i < end and (text[i] == 45 or text[i] == 43):
         sign = -1 if text[i] == 45 else 1
@@ -122,7 +122,7 @@ def _integer(text, first, end):
 
 @kernel
 def _corner(text, start, end, state):
-    """Vertex and normal ids, from 0, of one v, v/vt, v//vn or v/vt/vn; a vertex below 0 is wrong."""
+    """Vertex and normal ids, from 0, of v, v/vt, v//vn or v/vt/vn; a vertex below 0 is wrong."""
     vertex, at = _integer(text, start, end)
     normal, slashes = 0, 0
     while 0 <= at < end:
@@ -181,7 +181,7 @@ def _face(text, first, stop, state, triangles, normals, materials):
 
 @kernel
 def _is_ignored(text, start, end):
-    """Whether a line carries nothing that a surface is made of: comments, vt, vp, g, o, s, mg, lod."""
+    """Whether a line has nothing that a surface is made of: comments, vt, vp, g, o, s, mg."""
     size, a = end - start, text[start]
     b = text[start + 1] if size > 1 else 0
     if a == 35 or (size == 1 and (a == 103 or a == 111 or a == 115)):
@@ -238,7 +238,7 @@ def parse_lines(text, first, stop, state, out):
     state : (18,) int64   from new_state; the first four entries are set to 0 by who took the rows
     out : positions (v, 3), colours (v, 3) with NaN for none, directions (v, 3), all float64, slow
         (m, 5) int64, triangles and normal ids (t, 3), materials (t,) int64   written
-    returns: int, int, int   byte to go on from, code, and the byte of what is wrong or of the line's end
+    returns: int, int, int   byte to go on from, code, and byte of what is wrong or of a line's end
     errors : none here; the codes
     source : Wavefront Advanced Visualizer, Appendix B1 (1992)
     """

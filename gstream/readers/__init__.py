@@ -1,4 +1,4 @@
-"""Readers: other people's meshes become arrays on disk. Formats are told by content, then by name."""
+"""Readers: other people's meshes become arrays on disk; content tells the format, then the name."""
 
 import os
 import re
@@ -59,7 +59,7 @@ def _open(kind: str, path: Path, name: str, folder: Path, spill: Spill) -> Mesh:
 
 
 def needs_spill(path: Path) -> bool:
-    """Whether open_mesh will write scratch files, from the file's head and a glance at its faces."""
+    """Whether open_mesh will write scratch files, from the file's head and its first faces."""
     kind = sniff(path, str(path), path.suffix)
     if kind == "ply":
         return ply.needs_spill(path, str(path))
@@ -67,7 +67,7 @@ def needs_spill(path: Path) -> bool:
 
 
 def sniff(path: Path, name: str, suffix: str) -> str:
-    """The format: gz, ply, stl binary, stl ascii, obj or off; `suffix` decides when content cannot."""
+    """The format: gz, ply, stl binary, stl ascii, obj, off; `suffix` decides when content cannot."""
     head, size = _head(path)
     suffix = suffix.lower()
     if not size:

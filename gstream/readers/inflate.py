@@ -1,4 +1,4 @@
-"""Decompressing a .gz to scratch, in blocks; its CRC and length are checked by the standard library."""
+"""Decompressing a .gz to scratch, in blocks; the standard library checks its CRC and length."""
 
 import gzip
 import zlib

@@ -47,9 +47,9 @@ class DiskArray:
 class Mesh:
     """One input mesh: indexed triangles, or a soup when `triangles` is None.
 
-    A soup's positions are (t, 3, 3): triangle, corner, xyz (binary STL cannot be strided otherwise).
-    Face data wins over vertex data: a reader that fills `triangle_colours` leaves `colours` None
-    unless the file really has both. A normal of (0, 0, 0) means that the file gave none.
+    A soup's positions are (t, 3, 3), triangle, corner, xyz: binary STL has no other strides.
+    A file may have both `colours` and `triangle_colours`. A normal of (0, 0, 0) means that the
+    file gave none.
     """
 
     name: str  # the input's path as the user gave it, for errors

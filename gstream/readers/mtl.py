@@ -11,7 +11,7 @@ Colour = tuple[int, int, int, int]
 
 
 def inside(folder: Path, library: bytes) -> Path | None:
-    """The path of a mtllib when it resolves inside `folder`, links followed; None when it does not."""
+    """The path of a mtllib if it resolves inside `folder`, links followed; None if it does not."""
     label = fsdecode(library).replace("\\", "/")
     if "\0" in label or "://" in label or label.startswith(("/", "file:")) or label[1:2] == ":":
         return None

@@ -203,7 +203,7 @@ class _Reading:
         )
 
     def _normals(self, triangles: DiskArray, vertices: int) -> tuple[DiskArray | None, int]:
-        """Give each vertex the last normal that a face gives it; the count of ids without a normal."""
+        """Give each vertex the last normal that a face gives it; also the ids without a normal."""
         directions, corners = self.directions.close(), self.corners.close()
         if corners is None or not vertices:
             return None, 0

@@ -44,7 +44,7 @@ class _Kind:
 
 
 def open_off(path: Path, name: str, spill: Spill) -> Mesh:
-    """Spill an OFF file: positions of text as f8, of binary files mapped as f4; polygons are fans."""
+    """Spill an OFF file: positions of text as f8, of binary mapped as f4; polygons are fans."""
     with open(path, "rb") as file:
         head = file.read(HEAD)
         magic = MAGIC.match(head)

@@ -25,7 +25,7 @@ GLANCE_ROWS = 4096  # faces that needs_spill looks at
 
 
 def open_ply(path: Path, name: str, spill: Spill) -> Mesh:
-    """The mesh of a PLY file: the vertex table and triangles mapped when the file lays them out so."""
+    """The mesh of a PLY file: vertices and triangles mapped when the file lays them out so."""
     header, vertex = _header(path, name)
     vertices = vertex_table(header, path)
     faces = triangle_table(header, path)
@@ -83,7 +83,7 @@ def check_elements(header: Header, name: str) -> Element:
 
 
 def check_size(header: Header, size: int, name: str) -> None:
-    """Refuse a header that promises more than `size` bytes can hold, before anything is allocated."""
+    """Refuse a header that promises more than `size` bytes can hold; nothing is allocated before."""
     there = size - header.body
     for element in header.elements:
         one = element.smallest if header.order else 2 * len(element.properties)

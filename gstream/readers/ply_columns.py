@@ -1,6 +1,7 @@
 """Attributes of fixed-size PLY elements as columns: which properties, mapped or converted."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ BLOCK_ROWS = 1 << 17
 
 
 def find(element: Element, spellings: tuple[tuple[str, ...], ...]) -> tuple[int, ...]:
-    """Numbers of the scalar properties of the first spelling with three components; () when none."""
+    """Numbers of the scalar properties of the first spelling that is there whole; () when none."""
     scalars = {p.name: i for i, p in enumerate(element.properties) if not p.count}
     for spelling in spellings:
         if all(label in scalars for label in spelling[:3]):
@@ -48,9 +49,9 @@ class Table:
         )
 
     def column(self, numbers: tuple[int, ...]) -> DiskArray | None:
-        """Properties `numbers` as a strided (rows, len(numbers)); None when types or gaps differ."""
+        """Properties `numbers` as a strided (rows, n); None when types or gaps differ."""
         parts = [self.scalar(i) for i in numbers]
-        gaps = {b.offset - a.offset for a, b in zip(parts, parts[1:], strict=False)}
+        gaps = {b.offset - a.offset for a, b in pairwise(parts)}
         if len({p.dtype for p in parts}) > 1 or len(gaps) != 1 or min(gaps) < 0:
             return None
         shape, strides = (self.element.rows, len(parts)), (parts[0].strides[0], gaps.pop())

@@ -1,4 +1,4 @@
-"""The header of a PLY file: elements and their properties, where the body starts and how it is coded."""
+"""The header of a PLY file: elements, their properties, where the body starts and its coding."""
 
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -47,7 +47,7 @@ class Element:
         return sum(np.dtype(p.count or p.kind).itemsize for p in self.properties)
 
     def record(self, order: str) -> np.dtype[np.void]:
-        """The packed dtype of a fixed element; fields are named by position, as names may repeat."""
+        """The packed dtype of a fixed element; fields are named by number, as names may repeat."""
         fields = [(str(i), order + p.kind) for i, p in enumerate(self.properties)]
         return np.dtype(fields)
 

@@ -16,7 +16,7 @@ ROLES = {"face": kernel.FAN, "tristrips": kernel.STRIP}
 
 
 def spill_ply(path: Path, name: str, header: Header, vertex: Element, spill: Spill) -> Mesh:
-    """Read the body once, in the order of its elements; fixed binary vertices stay where they are."""
+    """Read the body once, element by element; fixed binary vertices stay where they are."""
     with open(path, "rb") as file:
         file.seek(header.body)
         body = _Body(path, name, header, vertex, spill)

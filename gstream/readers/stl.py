@@ -28,7 +28,8 @@ def open_binary(path: Path, name: str) -> Mesh:
         said = f"{size} bytes are fewer than the {HEAD} of an STL header"
         raise InputError(name, f"byte {size}", said, "copy the file again")
     if size < HEAD + RECORD * count:
-        said = f"the header promises {count} triangles, the file ends in number {(size - HEAD) // RECORD}"
+        whole = (size - HEAD) // RECORD
+        said = f"the header promises {count} triangles, the file ends in number {whole}"
         raise InputError(name, f"byte {size}", said, "copy the file again")
     trailing = size - HEAD - RECORD * count
     positions = DiskArray(

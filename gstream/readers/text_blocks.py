@@ -55,7 +55,7 @@ class TextBlocks:
         return InputError(self.name, f"line {self.line_of(at)}", said, remedy)
 
     def round_slow(self, values: npt.NDArray[np.float64], slow: npt.NDArray[np.int64]) -> None:
-        """Let Python round what a kernel left: rows of place in `values`, first and end in `text`."""
+        """Let Python round what a kernel left: rows of place in `values`, first, end in `text`."""
         for place, first, end in slow:
             values[place] = float(self.text[first:end].tobytes())
 

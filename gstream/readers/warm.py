@@ -1,4 +1,4 @@
-"""Compiling readers' kernels in the parent, by reading one triangle of the kinds of file that need them."""
+"""Compiling readers' kernels in the parent, by reading one triangle of each kind of file."""
 
 from collections.abc import Iterable
 from functools import partial

@@ -1,4 +1,4 @@
-"""Stage 1: every input becomes a mesh of arrays on disk, mapped where it lies or spilled to scratch."""
+"""Stage 1: every input becomes a mesh of arrays on disk, mapped where it lies or spilled."""
 
 from collections import Counter
 from pathlib import Path
