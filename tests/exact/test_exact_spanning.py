@@ -59,17 +59,17 @@ def test_windows_on_a_spanning_triangle_hold_the_exact_voxels(kind, resolution, 
 @pytest.mark.parametrize("ties", oracle.TIES)
 @pytest.mark.parametrize(("resolution", "snap_bits"), GRIDS)
 def test_windows_where_products_leave_64_bits_hold_the_exact_voxels(resolution, snap_bits, ties):
-    random, checked, edge = Random(6), 0, 4
+    random, checked, edge, box_edge = Random(6), 0, 4, 64
     for kind in ("generic", "lattice", "corner to corner"):
         for triangle in scenes.spanning(kind, 8, 4, resolution, snap_bits):
             for spot in scenes.places_at_wraps(triangle, random, snap_bits, 4):
                 low = tuple(c - random.randrange(edge) for c in spot)
-                box_low = tuple(c - random.randrange(BOX_EDGE - edge + 1) for c in low)
+                box_low = tuple(c - random.randrange(box_edge - edge + 1) for c in low)
                 truth = oracle.voxels_of(triangle, snap_bits, low, edge, ties)
                 checked += len(truth["conservative"])
                 for sep in ("6", "26"):
                     voxels = voxelize_triangles(
-                        triangle[None], snap_bits, box_low, BOX_EDGE, sep, ties
+                        triangle[None], snap_bits, box_low, box_edge, sep, ties
                     )
                     near = np.all(
                         (voxels.voxel >= low) & (voxels.voxel < np.array(low) + edge), axis=1
