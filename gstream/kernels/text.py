@@ -26,7 +26,7 @@ def is_line_end(c):
 
 @kernel
 def skip_space(text, first, stop, hashes):
-    """The first byte that is neither white space nor in a comment (`hashes`); whether a line ended."""
+    """The first byte not of white space nor (`hashes`) of a comment; whether a line ended."""
     i, ended = first, False
     while i < stop:
         if hashes and text[i] == 35:

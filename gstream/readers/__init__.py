@@ -67,7 +67,7 @@ def needs_spill(path: Path) -> bool:
 
 
 def sniff(path: Path, name: str, suffix: str) -> str:
-    """The format: gz, ply, stl binary, stl ascii, obj, off; `suffix` decides when content cannot."""
+    """gz, ply, stl binary, stl ascii, obj or off; `suffix` decides where content cannot."""
     head, size = _head(path)
     suffix = suffix.lower()
     if not size:
@@ -83,6 +83,8 @@ def sniff(path: Path, name: str, suffix: str) -> str:
         return "ply"
     if OFF_MAGIC.match(head) and suffix != ".obj":
         return "off"
+    if suffix == ".stl" and head.isascii() and b"\0" not in head and not _solid(head):
+        raise InputError(name, "line 1", "is text without the word 'solid'", "export it again")
     if (stl_kind := _stl(head, size, suffix)) is not None:
         return stl_kind
     if suffix in (".obj", ".off"):
@@ -95,13 +97,15 @@ def sniff(path: Path, name: str, suffix: str) -> str:
 def _stl(head: bytes, size: int, suffix: str) -> str | None:
     """Binary when the size is 84 + 50 n, even after 'solid'; exporters write that word in both."""
     promised = stl.HEAD + stl.RECORD * stl.promised_triangles(head)
-    solid = head.lstrip()[:5].lower() == b"solid"
     if size == promised and (suffix not in (".obj", ".off") or b"\0" in head):
         return "stl binary"
-    if solid:
-        binary = stl.HEAD < promised <= size and b"\0" in head
-        return "stl binary" if binary else "stl ascii"
+    if _solid(head):
+        return "stl binary" if b"\0" in head and size >= stl.HEAD else "stl ascii"
     return "stl binary" if suffix == ".stl" else None
+
+
+def _solid(head: bytes) -> bool:
+    return head.lstrip()[:5].lower() == b"solid"
 
 
 def _head(path: Path) -> tuple[bytes, int]:

@@ -5,7 +5,7 @@ from contextlib import suppress
 from os import fsdecode
 from pathlib import Path
 
-MAX_LINE = 1 << 16
+MAX_LINE = 1024  # bytes; the rest of a longer line is read as another, and means nothing
 MAX_MATERIALS = 1 << 16
 Colour = tuple[int, int, int, int]
 

@@ -145,9 +145,9 @@ class _Reading:
         words = line.split(None, 1)
         rest = words[1].strip() if len(words) > 1 else b""
         if words[0] == b"usemtl":
-            self.state[kernel.MATERIAL] = self.materials.use(rest)
+            self.state[kernel.MATERIAL] = self.materials.use(rest[: mtl.MAX_LINE])
         elif rest:
-            self.materials.load(rest)
+            self.materials.load(rest[: 4 * mtl.MAX_LINE])
 
     def _flush(self) -> None:
         positions, colours, directions, _, triangles, corners, materials = self.out

@@ -83,7 +83,7 @@ def check_elements(header: Header, name: str) -> Element:
 
 
 def check_size(header: Header, size: int, name: str) -> None:
-    """Refuse a header that promises more than `size` bytes can hold; nothing is allocated before."""
+    """Refuse a header that promises more than `size` bytes hold; nothing is allocated before."""
     there = size - header.body
     for element in header.elements:
         one = element.smallest if header.order else 2 * len(element.properties)

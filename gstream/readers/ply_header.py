@@ -1,5 +1,6 @@
 """The header of a PLY file: elements, their properties, where the body starts and its coding."""
 
+import re
 from dataclasses import dataclass
 from typing import BinaryIO
 
@@ -69,14 +70,14 @@ def read_header(file: BinaryIO, name: str) -> Header:
     Lines of other words are comments, also when an exporter forgot to say so (old Blender did).
     """
     head = file.read(MAX_HEADER)
-    end = b"\r\n" if head[3:5] == b"\r\n" else head[3:4]
-    if head[:3] != b"ply" or end not in (b"\r\n", b"\n", b"\r"):
+    magic = re.match(rb"ply[ \t]*(\r\n|\n|\r)", head)
+    if magic is None:
         raise InputError(name, "line 1", "the first line is not 'ply'", REMEDY)
     order: str | None = None
     elements: list[Element] = []
-    at, line = 3 + len(end), 1
+    at, line = magic.end(), 1
     while True:
-        stop = head.find(end[-1:], at)
+        stop = head.find(magic[1][-1:], at)
         if stop < 0:
             raise InputError(name, f"line {line}", "the header has no end_header", REMEDY)
         words = head[at:stop].decode("latin-1").split()
