@@ -51,48 +51,44 @@ def plan(job: Job) -> list[Unit]:
 
 def work(job: Job, unit: Unit) -> None:
     """Write one unit's chunks, encoded, one after another."""
-    settings, scratch = _settings(job), Scratch(job)
+    settings = _settings(job)
     source, first, count = unit.data
-    mesh = _mesh(scratch, source)
     counts = dict.fromkeys(COUNTED, 0)
     counts["read"] = count
     part = _part(unit)
-    with scratch.write(part) as file:
-        for chunk in chunks_of(mesh, source, first, count, settings):
-            data = encode_chunk(chunk, settings.lz4, indexing)
-            file.write(data)
-            counts["stored"] += chunk.triangle_count
-            counts["non_finite"] += chunk.non_finite
-            counts["degenerate"] += chunk.degenerate
-            counts["vertices"] += len(chunk.positions)
-            counts["chunks"] += 1
-            counts["bytes"] += len(data)
-    scratch.mark_done(unit, counts, (part,))
+    with Scratch(job) as scratch:
+        with scratch.write(part) as file:
+            for chunk in chunks_of(_mesh(scratch, source), source, first, count, settings):
+                data = encode_chunk(chunk, settings.lz4, indexing)
+                file.write(data)
+                counts["stored"] += chunk.triangle_count
+                counts["non_finite"] += chunk.non_finite
+                counts["degenerate"] += chunk.degenerate
+                counts["vertices"] += len(chunk.positions)
+                counts["chunks"] += 1
+                counts["bytes"] += len(data)
+        scratch.mark_done(unit, counts, (part,))
 
 
 def finish(job: Job) -> Summary:
     """Join all parts into the stream; the totals per source are part of the file."""
-    scratch, units, meshes = Scratch(job), plan(job), _meshes(job)
-    counts = [scratch.done(unit) for unit in units]
-    missing = [unit.name for unit, count in zip(units, counts, strict=True) if count is None]
-    if missing:
-        said = f"{len(missing)} of {len(units)} units of {NAME} are missing, first {missing[0]}"
-        raise StoppedError(said, "run the same command again")
+    units, meshes = plan(job), _meshes(job)
     sources = [_source(mesh) for mesh in meshes]
     sums = dict.fromkeys(COUNTED, 0)
-    for unit, count in zip(units, counts, strict=True):
-        for key in COUNTED:
-            sums[key] += (count or {})[key]
-        for key in ("read", "stored", "non_finite", "degenerate"):
-            sources[unit.data[0]][key] += (count or {})[key]
-    _refuse_nothing(meshes, sums)
-    Path(job.stream).parent.mkdir(parents=True, exist_ok=True)
-    with publish(job.stream) as file:
-        writer = StreamWriter(file, _attributes(meshes), _metadata(_settings(job)))
-        for unit in units:
-            for data in _encoded(scratch, _part(unit)):
-                writer.add_chunk(data)
-        sums["bytes"] = writer.finish({"sources": sources})
+    with Scratch(job) as scratch:
+        for unit, count in zip(units, _finished(scratch, units), strict=True):
+            for key in COUNTED:
+                sums[key] += count[key]
+            for key in ("read", "stored", "non_finite", "degenerate"):
+                sources[unit.data[0]][key] += count[key]
+        _refuse_nothing(meshes, sums)
+        Path(job.stream).parent.mkdir(parents=True, exist_ok=True)
+        with publish(job.stream) as file:
+            writer = StreamWriter(file, _attributes(meshes), _metadata(_settings(job)))
+            for unit in units:
+                for data in _encoded(scratch, _part(unit)):
+                    writer.add_chunk(data)
+            sums["bytes"] = writer.finish({"sources": sources})
     return Summary(NAME, sums)
 
 
@@ -112,7 +108,18 @@ def _mesh(scratch: Scratch, source: int) -> Mesh:
 
 
 def _meshes(job: Job) -> list[Mesh]:
-    return [_mesh(Scratch(job), source) for source in range(len(_settings(job).inputs))]
+    with Scratch(job) as scratch:
+        return [_mesh(scratch, source) for source in range(len(_settings(job).inputs))]
+
+
+def _finished(scratch: Scratch, units: list[Unit]) -> list[dict[str, Any]]:
+    """What each unit counted; refuses to go on while any is missing."""
+    counts = [scratch.done(unit) for unit in units]
+    missing = [unit.name for unit, count in zip(units, counts, strict=True) if count is None]
+    if missing:
+        said = f"{len(missing)} of {len(units)} units of {NAME} are missing, first {missing[0]}"
+        raise StoppedError(said, "run the same command again")
+    return [count for count in counts if count is not None]
 
 
 def _part(unit: Unit) -> str:
