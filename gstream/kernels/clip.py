@@ -9,13 +9,13 @@ Unit: voxels. Polygons hold at most 9 corners.
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.kernels import kernel
+from gstream.kernels import part
 
 F64 = NDArray[np.float64]
 CORNERS = 12
 
 
-@kernel
+@part
 def cut(poly: F64, count: int, axis: int, at: float, keep_above: bool, out: F64) -> int:
     """Cut a convex polygon by the line poly[axis] = at and keep one side.
 
@@ -42,7 +42,7 @@ def cut(poly: F64, count: int, axis: int, at: float, keep_above: bool, out: F64)
     return kept
 
 
-@kernel
+@part
 def clip_between(
     poly: F64, count: int, axis: int, low: float, high: float, spare: F64, out: F64
 ) -> int:
@@ -66,40 +66,39 @@ def clip_between(
     return cut(spare, between, axis, high, False, out)
 
 
-@kernel
-def area_and_moments(poly: F64, count: int, moments: F64) -> None:
-    """Signed area of a polygon and its first moments.
+@part
+def moments_of(poly: F64, count: int, first_moments: bool, moments: F64) -> None:
+    """Signed area of a polygon and, when wanted, its first moments.
 
     moments : (3,) f8   out: area, integral of u, integral of v
     The corners are taken relative to the first one, which keeps the sums accurate far from 0.
     """
     u0, v0 = poly[0, 0], poly[1, 0]
     area, mu, mv = 0.0, 0.0, 0.0
-    for i in range(1, count - 1):
-        a, b = poly[0, i] - u0, poly[1, i] - v0
-        c, d = poly[0, i + 1] - u0, poly[1, i + 1] - v0
+    a, b = poly[0, 1] - u0, poly[1, 1] - v0
+    for i in range(2, count):
+        c, d = poly[0, i] - u0, poly[1, i] - v0
         twice = a * d - b * c
         area += twice
-        mu += twice * (a + c)
-        mv += twice * (b + d)
+        if first_moments:
+            mu += twice * (a + c)
+            mv += twice * (b + d)
+        a, b = c, d
     moments[0] = 0.5 * area
     moments[1] = mu / 6.0 + moments[0] * u0
     moments[2] = mv / 6.0 + moments[0] * v0
 
 
-@kernel
+@part
 def below_height(
-    poly: F64, count: int, heights: F64, at: float, spare: F64, moments: F64
+    poly: F64, count: int, at: float, spare: F64, first_moments: bool, moments: F64
 ) -> None:
-    """Area and moments of the part of a polygon whose height is at most `at`.
-
-    heights : (CORNERS,) f8   height of the surface over each corner
-    """
+    """Area and moments of the part of a polygon whose height, poly[2], is at most `at`."""
     kept = 0
     before = count - 1
-    d_before = at - heights[before]
+    d_before = at - poly[2, before]
     for i in range(count):
-        d = at - heights[i]
+        d = at - poly[2, i]
         if (d < 0.0) != (d_before < 0.0):
             t = d_before / (d_before - d)
             spare[0, kept] = poly[0, before] + t * (poly[0, i] - poly[0, before])
@@ -115,4 +114,4 @@ def below_height(
         moments[1] = 0.0
         moments[2] = 0.0
     else:
-        area_and_moments(spare, kept, moments)
+        moments_of(spare, kept, first_moments, moments)

@@ -11,13 +11,8 @@ triangles, or on where a triangle's corner list starts.
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.kernels import kernel
-from gstream.kernels.clip import (
-    CORNERS,
-    area_and_moments,
-    below_height,
-    clip_between,
-)
+from gstream.kernels import kernel, part
+from gstream.kernels.clip import CORNERS, below_height, clip_between, moments_of
 from gstream.kernels.overlap import (
     PLANE_SLOTS,
     covers,
@@ -25,6 +20,7 @@ from gstream.kernels.overlap import (
     plane_out_of_reach,
     plane_range,
     prepare_edges,
+    prepare_normal,
     prepare_plane,
 )
 from gstream.kernels.targets import meets_centre_lines, meets_diagonals, prepare_diagonals
@@ -36,9 +32,10 @@ CONSERVATIVE, SIX, TWENTY_SIX = 0, 6, 26
 AREA_UNITS = 2.0**26  # accumulator units per voxel face
 SLAB_FRAGMENTS = 4096  # room a slab of 256 columns may need: 2 more voxels per column on closed ties
 BUFFER_FRAGMENTS = 12_288
+LOWEST, HIGHEST = CORNERS - 2, CORNERS - 1  # where a column's polygon keeps its range of heights
 
 
-@kernel
+@part
 def load_triangle(corners: I64, k: int, closed: bool, tri: I64, box: I64, order: I64) -> int:
     """Move a triangle to its own frame, corners in ascending order of (x, y, z).
 
@@ -73,7 +70,7 @@ def load_triangle(corners: I64, k: int, closed: bool, tri: I64, box: I64, order:
     return turn
 
 
-@kernel
+@part
 def dominant_axis(plane: I64, box: I64) -> int:
     """The axis of the largest normal component; of the smallest extent where the area is zero."""
     x, y, z = abs(plane[0]), abs(plane[1]), abs(plane[2])
@@ -84,7 +81,7 @@ def dominant_axis(plane: I64, box: I64) -> int:
     return 1 if y >= x else 0
 
 
-@kernel
+@part
 def face_mask(plane: I64, turn: int, both: bool) -> int:
     """Bits -x, +x, -y, +y, -z, +z of the exact normal's non-zero components."""
     mask = 0
@@ -95,7 +92,7 @@ def face_mask(plane: I64, turn: int, both: bool) -> int:
     return mask
 
 
-@kernel
+@part
 def unit_normal(plane: I64, turn: int, normal: F64) -> float:
     """Unit normal of the input's winding; returns the length of the integer normal."""
     x, y, z = np.float64(plane[0]), np.float64(plane[1]), np.float64(plane[2])
@@ -105,7 +102,7 @@ def unit_normal(plane: I64, turn: int, normal: F64) -> float:
     return length
 
 
-@kernel
+@part
 def prepare_gradients(
     tri: I64, order: I64, values: F64, u: int, v: int, scale: float, flat: bool, gradients: F64
 ) -> None:
@@ -134,6 +131,60 @@ def prepare_gradients(
             gradients[ch, 0] = first - gu * u0 - gv * v0
             gradients[ch, 1] = gu
             gradients[ch, 2] = gv
+
+
+@part
+def clip_to_room(box: I64, room: tuple[int, int, int]) -> bool:
+    """Limit a triangle's voxels to those of the box being filled; False when none are left."""
+    for c in range(3):
+        box[1, c] = max(box[1, c], -box[0, c])
+        box[2, c] = min(box[2, c], room[c] - 1 - box[0, c])
+        if box[1, c] > box[2, c]:
+            return False
+    return True
+
+
+@part
+def column_polygon(
+    strip: F64, strip_corners: int, i: int, j: int, full: bool, spare: F64, column: F64
+) -> int:
+    """The triangle's polygon inside the unit square (i, j) of the (u, v) plane; its corner count."""
+    if full:
+        column[0, 0], column[1, 0] = i, j
+        column[0, 1], column[1, 1] = i + 1, j
+        column[0, 2], column[1, 2] = i + 1, j + 1
+        column[0, 3], column[1, 3] = i, j + 1
+        return 4
+    if strip_corners < 3:
+        return 0
+    return clip_between(strip, strip_corners, 1, j, j + 1.0, spare, column)
+
+
+@part
+def add_heights(
+    column: F64, count: int, tri: I64, plane: I64, u: int, v: int, w: int, inverse: float,
+    scale: float,
+) -> None:  # fmt: skip
+    """Heights of the plane over the corners, in row 2, then the lowest and the highest of them."""
+    slope_u, slope_v = plane[u] * inverse, plane[v] * inverse
+    u0, v0, w0 = tri[0, u] * scale, tri[0, v] * scale, tri[0, w] * scale
+    lowest, highest = np.inf, -np.inf
+    for a in range(count):
+        height = w0 - slope_u * (column[0, a] - u0) - slope_v * (column[1, a] - v0)
+        column[2, a] = height
+        lowest = min(lowest, height)
+        highest = max(highest, height)
+    column[2, LOWEST], column[2, HIGHEST] = lowest, highest
+
+
+@part
+def mean_channels(gradients: F64, moments: F64, u: float, v: float, means: F64) -> None:
+    """Channels at the fragment's centroid (at (u, v) where it has no area), within the corners' range."""
+    if moments[0] != 0.0:
+        u, v = moments[1] / moments[0], moments[2] / moments[0]
+    for c in range(means.shape[0]):
+        value = gradients[c, 0] + gradients[c, 1] * u + gradients[c, 2] * v
+        means[c] = min(max(value, gradients[c, 3]), gradients[c, 4])
 
 
 @kernel
@@ -171,6 +222,7 @@ def emit(
     k, mode, closed, both = rules
     t, slab = resume
     scale = 1.0 / (1 << k)
+    has_channels = values.shape[2] > 0
     tri = np.empty((3, 3), np.int64)
     box = np.empty((3, 3), np.int64)
     order = np.empty(3, np.int64)
@@ -180,30 +232,22 @@ def emit(
     lines = np.empty((4, 3, 4), np.int64)
     ends = np.empty((4, 3), np.int64)
     voxel = np.empty(3, np.int64)
-    whole = np.empty((2, CORNERS))
-    strip = np.empty((2, CORNERS))
-    column = np.empty((2, CORNERS))
-    spare = np.empty((2, CORNERS))
-    heights = np.empty(CORNERS)
-    lower = np.empty(3)
-    upper = np.empty(3)
+    polygons = np.empty((4, 3, CORNERS))
+    whole, strip, column, spare = polygons[0], polygons[1], polygons[2], polygons[3]
+    moments = np.empty((3, 3))
+    total, lower, upper = moments[0], moments[1], moments[2]
     gradients = np.empty((values.shape[2], 5))
     count = 0
     while t < corners.shape[0]:
         turn = load_triangle(corners[t], k, closed, tri, box, order)
-        base = box[0]
-        reach = True
-        for c in range(3):
-            box[1, c] = max(box[1, c], -base[c])
-            box[2, c] = min(box[2, c], room[c] - 1 - base[c])
-            reach = reach and box[1, c] <= box[2, c]
-        if not reach:
+        if not clip_to_room(box, room):
             t, slab = t + 1, -1
             continue
-        prepare_plane(tri, k, closed, plane)
-        if plane_out_of_reach(plane, tri, k, box[1, 0], box[1, 1], box[1, 2]):
+        prepare_normal(tri, plane)
+        if plane_out_of_reach(plane, tri, k, box[1]):
             t, slab = t + 1, -1
             continue
+        prepare_plane(tri, k, closed, box[1], plane)
         prepare_edges(tri, plane, k, closed, edges, centres)
         if mode == TWENTY_SIX:
             prepare_diagonals(tri, plane, k, closed, lines, ends)
@@ -214,12 +258,10 @@ def emit(
         flat = plane[w] == 0
         inverse = 0.0 if flat else 1.0 / np.float64(plane[w])
         factor = 0.0 if flat else AREA_UNITS * length * abs(inverse)
-        slope_u, slope_v = plane[u] * inverse, plane[v] * inverse
-        u0, v0, w0 = tri[0, u] * scale, tri[0, v] * scale, tri[0, w] * scale
         for a in range(3):
             whole[0, a] = tri[a, u] * scale
             whole[1, a] = tri[a, v] * scale
-        if values.shape[2] > 0:
+        if has_channels:
             prepare_gradients(tri, order, values[t], u, v, scale, flat, gradients)
         i = box[1, u] if slab < 0 else slab
         while i <= box[2, u]:
@@ -231,94 +273,69 @@ def emit(
                     continue
                 first, last = box[1, w], box[2, w]
                 if not flat:
-                    first, last = plane_range(
-                        plane, inverse, w, plane[u] * i + plane[v] * j, first, last
-                    )
+                    across = plane[u] * (i - box[1, u]) + plane[v] * (j - box[1, v])
+                    first, last = plane_range(plane, inverse, w, across, last - first + 1)
+                    first += box[1, w]
+                    last += box[1, w]
                 if first > last:
                     continue
                 full = covers(edges, w, i, j)
                 corner_count = -1
+                measured = first - 2  # the l of `lower`, if any
                 for l in range(first, last + 1):
                     if not full and not (inside(edges, u, j, l) and inside(edges, v, l, i)):
                         continue
                     if corner_count < 0:
-                        if flat:
+                        if not full and not flat and strip_corners < 0:
+                            strip_corners = clip_between(whole, 3, 0, i, i + 1.0, spare, strip)
+                        corner_count = column_polygon(strip, strip_corners, i, j, full, spare, column)
+                        if flat or corner_count < 3:
                             corner_count = 0
-                        elif full:
-                            column[0, 0], column[1, 0] = i, j
-                            column[0, 1], column[1, 1] = i + 1, j
-                            column[0, 2], column[1, 2] = i + 1, j + 1
-                            column[0, 3], column[1, 3] = i, j + 1
-                            corner_count = 4
                         else:
-                            if strip_corners < 0:
-                                strip_corners = clip_between(whole, 3, 0, i, i + 1.0, spare, strip)
-                            corner_count = 0
-                            if strip_corners > 2:
-                                corner_count = clip_between(
-                                    strip, strip_corners, 1, j, j + 1.0, spare, column
-                                )
-                        for a in range(corner_count):
-                            heights[a] = (
-                                w0 - slope_u * (column[0, a] - u0) - slope_v * (column[1, a] - v0)
-                            )
-                    if corner_count > 2:
-                        slice_area(column, corner_count, heights, l, spare, lower, upper)
-                    else:
-                        upper[0] = 0.0
-                        upper[1] = 0.0
-                        upper[2] = 0.0
+                            add_heights(column, corner_count, tri, plane, u, v, w, inverse, scale)
+                            moments_of(column, corner_count, has_channels, total)
+                    # Area between two heights: the difference of two cumulative values, each a
+                    # pure function of the column's polygon and l.
+                    for c in range(3):
+                        upper[c] = total[c] if corner_count else 0.0
+                    if corner_count and column[2, LOWEST] < l:
+                        if measured != l:
+                            below_height(column, corner_count, l, spare, has_channels, lower)
+                        for c in range(3):
+                            upper[c] -= lower[c]
+                    if corner_count and column[2, HIGHEST] > l + 1:
+                        for c in range(3):
+                            upper[c] -= total[c]
+                        below_height(column, corner_count, l + 1.0, spare, has_channels, lower)
+                        measured = l + 1
+                        for c in range(3):
+                            upper[c] += lower[c]
                     voxel[u], voxel[v], voxel[w] = i, j, l
                     hit = True
-                    if mode == SIX:
-                        hit = meets_centre_lines(tri, plane, edges, centres, k, closed, voxel)
-                    elif mode == TWENTY_SIX:
-                        hit = meets_diagonals(tri, plane, lines, ends, k, closed, voxel)
-                    if hit:
-                        assigned[t] = True
+                    if mode != CONSERVATIVE:
+                        value = np.int64(0)
+                        for c in range(3):
+                            value += plane[c] * (voxel[c] - box[1, c])
+                        if mode == SIX:
+                            hit = meets_centre_lines(
+                                tri, plane, edges, centres, k, closed, voxel, value
+                            )
+                        else:
+                            hit = meets_diagonals(
+                                tri, plane, lines, ends, k, closed, voxel, value
+                            )
+                    assigned[t] |= hit
                     keys[count] = (
-                        spread[voxel[0] + base[0]]
-                        | (spread[voxel[1] + base[1]] << np.uint32(1))
-                        | (spread[voxel[2] + base[2]] << np.uint32(2))
+                        spread[voxel[0] + box[0, 0]]
+                        | (spread[voxel[1] + box[0, 1]] << np.uint32(1))
+                        | (spread[voxel[2] + box[0, 2]] << np.uint32(2))
                     )
                     owners[count] = t
                     hits[count] = hit
                     areas[count] = abs(upper[0]) * factor
-                    for ch in range(gradients.shape[0]):
-                        value = gradients[ch, 0]
-                        if upper[0] != 0.0:
-                            value += gradients[ch, 1] * (upper[1] / upper[0])
-                            value += gradients[ch, 2] * (upper[2] / upper[0])
-                        elif not flat:
-                            value += gradients[ch, 1] * (i + 0.5) + gradients[ch, 2] * (j + 0.5)
-                        channels[count, ch] = min(
-                            max(value, gradients[ch, 3]), gradients[ch, 4]
-                        )
+                    if has_channels:
+                        mean_channels(gradients, upper, i + 0.5, j + 0.5, channels[count])
                     count += 1
             i += 1
         t, slab = t + 1, -1
     return t, -1, count
-
-
-@kernel
-def slice_area(
-    column: F64, count: int, heights: F64, l: int, spare: F64, lower: F64, upper: F64
-) -> None:
-    """Area and moments of the part of a column's polygon between heights l and l + 1.
-
-    lower : (3,) f8   work
-    upper : (3,) f8   out: area, integral of u, integral of v
-    The difference of two cumulative values: each is a pure function of (polygon, l).
-    """
-    smallest, largest = heights[0], heights[0]
-    for a in range(1, count):
-        smallest = min(smallest, heights[a])
-        largest = max(largest, heights[a])
-    if smallest >= l and largest <= l + 1:
-        area_and_moments(column, count, upper)
-        return
-    below_height(column, count, heights, l + 1.0, spare, upper)
-    if smallest < l:
-        below_height(column, count, heights, np.float64(l), spare, lower)
-        for c in range(3):
-            upper[c] -= lower[c]

@@ -6,8 +6,10 @@ division by 2^k is done once, in the threshold, by a floor that loses nothing (v
 multiples of 2^k). Tie rule `one-sided`: the surface is shifted by an infinitesimal (e1 >> e2 >> e3
 > 0), so an axis value of exactly 0 takes the sign of the axis' first non-zero component.
 
-Bits: extents up to 2^26, normals up to 2^52; plane values wrap modulo 2^64 and are read only where
-`plane_out_of_reach` has shown that the true value is below 2^63.
+Bits: extents up to 2^26, normals up to 2^52. Plane values are taken relative to the low voxel of the
+window being filled (at most 256^3 voxels): that one value is summed modulo 2^64 in uint64, where
+wrapping is defined (signed overflow is not, and LLVM uses that), and is exact once
+`plane_out_of_reach` has shown that it is below 2^62; inside the window nothing reaches 2^63.
 
 Source: Akenine-Moeller 2001 (separating axes), Laine 2013 (targets), numerics.md section 1 and 2.
 """
@@ -15,7 +17,7 @@ Source: Akenine-Moeller 2001 (separating axes), Laine 2013 (targets), numerics.m
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.kernels import kernel
+from gstream.kernels import part
 
 I64 = NDArray[np.int64]
 
@@ -25,7 +27,7 @@ CENTRE_CEIL, CENTRE_FLOOR = 7, 10  # three slots each: targets along x, y, z
 PLANE_SLOTS = 13
 
 
-@kernel
+@part
 def first_sign(x: int, y: int, z: int) -> int:
     """Sign of the first non-zero component: the side to which the infinitesimal shift moves."""
     if x != 0:
@@ -37,67 +39,75 @@ def first_sign(x: int, y: int, z: int) -> int:
     return 0
 
 
-@kernel
+@part
 def tie(sign: int, closed: bool) -> int:
     """1 where an axis value of exactly 0 separates: the shift moves the triangle up the axis."""
     return 1 if sign > 0 and not closed else 0
 
 
-@kernel
-def prepare_plane(tri: I64, k: int, closed: bool, plane: I64) -> None:
-    """Normal and plane thresholds of a triangle.
-
-    tri : (3, 3) i8   corners in the triangle's frame, snap units
-    plane : (PLANE_SLOTS,) i8   out: normal, ceil and floor of n.v/2^k (modulo 2^64) with the tie
-        rule folded in, sums of the positive and negative normal components, and ceil and floor
-        for the segments through the voxel centre along x, y, z
-    source : numerics.md section 2, tier L, with wrapping arithmetic instead of two limbs
-    """
+@part
+def prepare_normal(tri: I64, plane: I64) -> None:
+    """The exact normal (b - a) x (c - a) of the sorted corners, and sums of its signed parts."""
+    positive, negative = 0, 0
     for c in range(3):
         p, q = (c + 1) % 3, (c + 2) % 3
-        plane[c] = (tri[1, p] - tri[0, p]) * (tri[2, q] - tri[0, q]) - (
-            tri[1, q] - tri[0, q]
-        ) * (tri[2, p] - tri[0, p])
+        n = (tri[1, p] - tri[0, p]) * (tri[2, q] - tri[0, q]) - (tri[1, q] - tri[0, q]) * (
+            tri[2, p] - tri[0, p]
+        )
+        plane[c] = n
+        positive += max(n, 0)
+        negative += min(n, 0)
+    plane[N_POSITIVE] = positive
+    plane[N_NEGATIVE] = negative
+
+
+@part
+def plane_out_of_reach(plane: I64, tri: I64, k: int, low: I64) -> bool:
+    """True when the plane is so far from voxel `low` that it cannot enter the 256^3 voxels above it.
+
+    A float64 estimate with an error below 2^20 against a margin of 2^60: it decides nothing that is
+    near. Where it is False, the plane values of the window are below 2^63.
+    """
+    scale = 1.0 / (1 << k)
+    estimate = 0.0
+    for c in range(3):
+        estimate += plane[c] * (low[c] - tri[0, c] * scale)
+    return abs(estimate) > 2.0**62
+
+
+@part
+def prepare_plane(tri: I64, k: int, closed: bool, low: I64, plane: I64) -> None:
+    """Plane thresholds of a triangle for the voxels of a window.
+
+    tri : (3, 3) i8   corners in the triangle's frame, snap units
+    low : (3,) i8   the window's low voxel in the triangle's frame
+    plane : (PLANE_SLOTS,) i8   normal as prepare_normal left it; out: ceil and floor of
+        n.(v - low * 2^k) / 2^k with the tie rule folded in, and ceil and floor for the segments
+        through the voxel centre along x, y, z
+    source : numerics.md section 2, tier L
+    """
     sign = first_sign(plane[N_X], plane[N_Y], plane[N_Z])
     up, down = tie(sign, closed), tie(-sign, closed)
     mask = (1 << k) - 1
-    whole, part, positive, negative = 0, 0, 0, 0
+    wrapped, fraction = np.uint64(0), 0
     for c in range(3):
         n, v = plane[c], tri[0, c]
-        # n.v = 2^k * whole + part, with every product below 2^63
-        whole += n * (v >> k) + (n >> k) * (v & mask)
-        part += (n & mask) * (v & mask)
-        positive += max(n, 0)
-        negative += min(n, 0)
-    plane[CEIL] = whole - ((-part - up) >> k)
-    plane[FLOOR] = whole + ((part - down) >> k)
-    plane[N_POSITIVE] = positive
-    plane[N_NEGATIVE] = negative
+        # n.(v - low * 2^k) = 2^k * whole + fraction
+        wrapped += np.uint64(n) * np.uint64((v >> k) - low[c])
+        wrapped += np.uint64((n >> k) * (v & mask))
+        fraction += (n & mask) * (v & mask)
+    whole = np.int64(wrapped)
+    plane[CEIL] = whole - ((-fraction - up) >> k)
+    plane[FLOOR] = whole + ((fraction - down) >> k)
     half = np.int64(1) << (k - 1)
     for r in range(3):
         across = plane[(r + 1) % 3] + plane[(r + 2) % 3]
         odd = half * (across & 1)
-        plane[CENTRE_CEIL + r] = whole - (across >> 1) - ((odd - part - up) >> k)
-        plane[CENTRE_FLOOR + r] = whole - (across >> 1) + ((part - down - odd) >> k)
+        plane[CENTRE_CEIL + r] = whole - (across >> 1) - ((odd - fraction - up) >> k)
+        plane[CENTRE_FLOOR + r] = whole - (across >> 1) + ((fraction - down - odd) >> k)
 
 
-@kernel
-def plane_out_of_reach(plane: I64, tri: I64, k: int, i: int, j: int, l: int) -> bool:
-    """True when the plane is so far from voxel (i, j, l) that it cannot enter the 256^3 voxels above.
-
-    A float64 estimate with an error below 2^20 against a margin of 2^60: it decides nothing that is
-    near. Where it is False, the plane values of these voxels are below 2^63 and do not wrap.
-    """
-    scale = 1.0 / (1 << k)
-    estimate = (
-        plane[N_X] * (i - tri[0, 0] * scale)
-        + plane[N_Y] * (j - tri[0, 1] * scale)
-        + plane[N_Z] * (l - tri[0, 2] * scale)
-    )
-    return abs(estimate) > 2.0**62
-
-
-@kernel
+@part
 def prepare_edges(tri: I64, plane: I64, k: int, closed: bool, edges: I64, centres: I64) -> None:
     """Thresholds of the nine edge-times-axis tests: three 2D edge tests in each projection.
 
@@ -133,7 +143,7 @@ def prepare_edges(tri: I64, plane: I64, k: int, closed: bool, edges: I64, centre
             centres[r, e] = (c + half * (a + b)) >> k
 
 
-@kernel
+@part
 def inside(edges: I64, r: int, i: int, j: int) -> bool:
     """The voxel square (i, j) of projection r is beyond none of the three edges."""
     return (
@@ -143,7 +153,7 @@ def inside(edges: I64, r: int, i: int, j: int) -> bool:
     )
 
 
-@kernel
+@part
 def covers(edges: I64, r: int, i: int, j: int) -> bool:
     """The projected triangle strictly contains the closed voxel square (i, j) of projection r."""
     for e in range(3):
@@ -153,12 +163,12 @@ def covers(edges: I64, r: int, i: int, j: int) -> bool:
     return True
 
 
-@kernel
-def plane_range(plane: I64, tri_scale: float, w: int, base: int, low: int, high: int) -> tuple[int, int]:
-    """Voxels along axis w, within low..high, whose closed cubes the plane meets.
+@part
+def plane_range(plane: I64, inverse: float, w: int, base: int, size: int) -> tuple[int, int]:
+    """Voxels 0..size-1 along axis w of a window whose closed cubes the plane meets.
 
-    base : plane value n.(i, j, l) of the column at index 0 along w, modulo 2^64
-    tri_scale : 1 / n_w as a float64: a first guess, made exact by integer tests
+    base : n.(i, j, 0), voxels of the column relative to the window
+    inverse : 1 / n_w as a float64: a first guess, made exact by integer tests
     returns : (first, last), both included; first > last when there is none
     """
     n = plane[w]
@@ -166,15 +176,15 @@ def plane_range(plane: I64, tri_scale: float, w: int, base: int, low: int, high:
     below = base - plane[FLOOR] + plane[N_NEGATIVE]  # + n*l <= 0
     if n < 0:  # mirror, so that both bounds grow with l
         above, below, n = -below, -above, -n
-        tri_scale = -tri_scale
-    first = np.int64(min(max(np.ceil(-above * tri_scale), low - 1.0), high + 1.0))
-    while first > low and above + n * (first - 1) >= 0:
+        inverse = -inverse
+    first = np.int64(min(max(np.ceil(-above * inverse), 0.0), float(size)))
+    while first > 0 and above + n * (first - 1) >= 0:
         first -= 1
-    while first <= high and (first < low or above + n * first < 0):
+    while first < size and above + n * first < 0:
         first += 1
-    last = np.int64(min(max(np.floor(-below * tri_scale), low - 1.0), high + 1.0))
-    while last < high and below + n * (last + 1) <= 0:
+    last = np.int64(min(max(np.floor(-below * inverse), -1.0), size - 1.0))
+    while last < size - 1 and below + n * (last + 1) <= 0:
         last += 1
-    while last >= low and (last > high or below + n * last > 0):
+    while last >= 0 and below + n * last > 0:
         last -= 1
     return first, last

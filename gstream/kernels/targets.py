@@ -11,7 +11,7 @@ Source: Laine 2013; numerics.md section 1.
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.kernels import kernel
+from gstream.kernels import part
 from gstream.kernels.overlap import (
     CEIL,
     CENTRE_CEIL,
@@ -24,13 +24,20 @@ from gstream.kernels.overlap import (
 I64 = NDArray[np.int64]
 
 
-@kernel
+@part
 def diagonal_step(m: int, c: int) -> int:
     """Component c of space diagonal m: (1,1,1), (-1,1,1), (1,-1,1), (1,1,-1)."""
     return -1 if c == m - 1 else 1
 
 
-@kernel
+@part
+def diagonal_end(voxel: I64, k: int, m: int, c: int, end: int) -> int:
+    """Coordinate c of an end (0 or 1) of space diagonal m of a voxel."""
+    up = end if diagonal_step(m, c) > 0 else 1 - end
+    return (voxel[c] + up) << k
+
+
+@part
 def prepare_diagonals(tri: I64, plane: I64, k: int, closed: bool, lines: I64, ends: I64) -> None:
     """Thresholds for the four space diagonals.
 
@@ -40,7 +47,6 @@ def prepare_diagonals(tri: I64, plane: I64, k: int, closed: bool, lines: I64, en
         to the voxel's low corner
     """
     half = np.int64(1) << (k - 1)
-    a = np.zeros(3, np.int64)
     for m in range(4):
         along, total = np.int64(0), np.int64(0)
         for c in range(3):
@@ -51,24 +57,26 @@ def prepare_diagonals(tri: I64, plane: I64, k: int, closed: bool, lines: I64, en
         ends[m, 1] = (total - abs(along)) >> 1
         ends[m, 2] = (total + abs(along)) >> 1
         for e in range(3):
+            value = np.int64(0)
             for c in range(3):
                 p, q = (c + 1) % 3, (c + 2) % 3
                 edge_p = tri[(e + 1) % 3, p] - tri[e, p]
                 edge_q = tri[(e + 1) % 3, q] - tri[e, q]
-                a[c] = turn * (diagonal_step(m, p) * edge_q - diagonal_step(m, q) * edge_p)
-                lines[m, e, c] = a[c]
-            value = half * (a[0] + a[1] + a[2]) - tie(first_sign(a[0], a[1], a[2]), closed)
-            for c in range(3):
-                value -= a[c] * tri[e, c]
-            lines[m, e, 3] = value >> k
+                a = turn * (diagonal_step(m, p) * edge_q - diagonal_step(m, q) * edge_p)
+                lines[m, e, c] = a
+                value += a * (half - tri[e, c])
+            sign = first_sign(lines[m, e, 0], lines[m, e, 1], lines[m, e, 2])
+            lines[m, e, 3] = (value - tie(sign, closed)) >> k
 
 
-@kernel
+@part
 def meets_centre_lines(
-    tri: I64, plane: I64, edges: I64, centres: I64, k: int, closed: bool, voxel: I64
+    tri: I64, plane: I64, edges: I64, centres: I64, k: int, closed: bool, voxel: I64, value: int
 ) -> bool:
-    """The triangle meets a centre segment of the voxel (which it is known to meet)."""
-    value = plane[0] * voxel[0] + plane[1] * voxel[1] + plane[2] * voxel[2]
+    """The triangle meets a centre segment of the voxel (which it is known to meet).
+
+    voxel : (3,) i8   in the triangle's frame; value: n.voxel relative to the window
+    """
     for r in range(3):
         if plane[r] == 0 and not closed:
             continue
@@ -89,16 +97,18 @@ def meets_centre_lines(
     return False
 
 
-@kernel
+@part
 def meets_diagonals(
-    tri: I64, plane: I64, lines: I64, ends: I64, k: int, closed: bool, voxel: I64
+    tri: I64, plane: I64, lines: I64, ends: I64, k: int, closed: bool, voxel: I64, value: int
 ) -> bool:
-    """The triangle meets a space diagonal of the voxel (which it is known to meet)."""
+    """The triangle meets a space diagonal of the voxel (which it is known to meet).
+
+    voxel : (3,) i8   in the triangle's frame; value: n.voxel relative to the window
+    """
     i, j, l = voxel[0], voxel[1], voxel[2]
-    value = plane[0] * i + plane[1] * j + plane[2] * l
     for m in range(4):
         if ends[m, 0] == 0:
-            if closed and closed_diagonal_meets(tri, plane, k, m, voxel):
+            if closed and closed_diagonal_meets(tri, plane, k, m, voxel, value):
                 return True
             continue
         if value - plane[CEIL] + ends[m, 2] < 0 or value - plane[FLOOR] + ends[m, 1] > 0:
@@ -116,22 +126,24 @@ def meets_diagonals(
     return False
 
 
-@kernel
+@part
+def segment_end(voxel: I64, k: int, r: int, c: int, end: int) -> int:
+    """Coordinate c of the low (0) or high (1) end of the voxel's centre segment along axis r."""
+    half = np.int64(1) << (k - 1)
+    return (voxel[c] << k) + (2 * half * end if c == r else half)
+
+
+@part
 def closed_segment_meets(tri: I64, k: int, r: int, voxel: I64) -> bool:
     """Closed ties, triangle parallel to axis r and its plane through the segment: do they meet?
 
     The separating axes of a box that has shrunk to the segment: its three axes, and the nine crosses
     with the edges; the caller has tested the plane.
     """
-    low = np.empty(3, np.int64)
-    high = np.empty(3, np.int64)
-    half = np.int64(1) << (k - 1)
     for c in range(3):
-        low[c] = (voxel[c] << k) + (0 if c == r else half)
-        high[c] = (voxel[c] << k) + (2 * half if c == r else half)
-        if max(tri[0, c], tri[1, c], tri[2, c]) < low[c]:
+        if max(tri[0, c], tri[1, c], tri[2, c]) < segment_end(voxel, k, r, c, 0):
             return False
-        if min(tri[0, c], tri[1, c], tri[2, c]) > high[c]:
+        if min(tri[0, c], tri[1, c], tri[2, c]) > segment_end(voxel, k, r, c, 1):
             return False
     for e in range(3):
         for axis in range(3):
@@ -141,45 +153,44 @@ def closed_segment_meets(tri: I64, k: int, r: int, voxel: I64) -> bool:
             first = a * tri[0, p] + b * tri[0, q]
             second = a * tri[1, p] + b * tri[1, q]
             third = a * tri[2, p] + b * tri[2, q]
-            box_low = a * (low[p] if a > 0 else high[p]) + b * (low[q] if b > 0 else high[q])
-            box_high = a * (high[p] if a > 0 else low[p]) + b * (high[q] if b > 0 else low[q])
+            box_low = a * segment_end(voxel, k, r, p, 0 if a > 0 else 1)
+            box_low += b * segment_end(voxel, k, r, q, 0 if b > 0 else 1)
+            box_high = a * segment_end(voxel, k, r, p, 1 if a > 0 else 0)
+            box_high += b * segment_end(voxel, k, r, q, 1 if b > 0 else 0)
             if max(first, second, third) < box_low or min(first, second, third) > box_high:
                 return False
     return True
 
 
-@kernel
-def closed_diagonal_meets(tri: I64, plane: I64, k: int, m: int, voxel: I64) -> bool:
+@part
+def closed_diagonal_meets(
+    tri: I64, plane: I64, k: int, m: int, voxel: I64, value: int
+) -> bool:
     """Closed ties, diagonal m parallel to the triangle's plane (or the triangle degenerate): do they meet?
 
     Both lie in one plane or not at all; then they are compared in a projection that is faithful for
     that plane, by the separating axes of a 2D triangle and a 2D segment.
     """
-    step = np.int64(1) << k
-    ends = np.empty((2, 3), np.int64)
     for c in range(3):
-        s = diagonal_step(m, c)
-        ends[0, c] = (voxel[c] + (0 if s > 0 else 1)) << k
-        ends[1, c] = ends[0, c] + s * step
-        if max(tri[0, c], tri[1, c], tri[2, c]) < min(ends[0, c], ends[1, c]):
+        if max(tri[0, c], tri[1, c], tri[2, c]) < voxel[c] << k:
             return False
-        if min(tri[0, c], tri[1, c], tri[2, c]) > max(ends[0, c], ends[1, c]):
+        if min(tri[0, c], tri[1, c], tri[2, c]) > (voxel[c] + 1) << k:
             return False
-    value = plane[0] * voxel[0] + plane[1] * voxel[1] + plane[2] * voxel[2]
     middle = (plane[0] + plane[1] + plane[2]) >> 1  # n.s = 0, so the sum is even
     if value - plane[CEIL] + middle < 0 or value - plane[FLOOR] + middle > 0:
         return False
-    if plane[0] == 0 and plane[1] == 0 and plane[2] == 0 and not _coplanar(tri, ends):
+    if plane[0] == 0 and plane[1] == 0 and plane[2] == 0 and not _coplanar(tri, voxel, k, m):
         return False
     # All three projections: at least one is faithful, and the others are necessary conditions.
-    for axis in range(3):
-        if _separated_in_projection(tri, ends, axis):
-            return False
-    return True
+    return not (
+        _separated_in_projection(tri, voxel, k, m, 0)
+        or _separated_in_projection(tri, voxel, k, m, 1)
+        or _separated_in_projection(tri, voxel, k, m, 2)
+    )
 
 
-@kernel
-def _coplanar(tri: I64, ends: I64) -> bool:
+@part
+def _coplanar(tri: I64, voxel: I64, k: int, m: int) -> bool:
     """The line of a degenerate triangle and the diagonal lie in one plane."""
     longest, start = np.int64(-1), 0
     for e in range(3):
@@ -193,17 +204,13 @@ def _coplanar(tri: I64, ends: I64) -> bool:
         p, q = (c + 1) % 3, (c + 2) % 3
         edge_p = tri[(start + 1) % 3, p] - tri[start, p]
         edge_q = tri[(start + 1) % 3, q] - tri[start, q]
-        step_p = ends[1, p] - ends[0, p]
-        step_q = ends[1, q] - ends[0, q]
-        # the diagonal's steps are +-2^k: divide them out to stay below 2^56
-        sign_p = 1 if step_p > 0 else -1
-        sign_q = 1 if step_q > 0 else -1
-        volume += (edge_p * sign_q - edge_q * sign_p) * (ends[0, c] - tri[start, c])
+        across = edge_p * diagonal_step(m, q) - edge_q * diagonal_step(m, p)
+        volume += across * (diagonal_end(voxel, k, m, c, 0) - tri[start, c])
     return volume == 0
 
 
-@kernel
-def _separated_in_projection(tri: I64, ends: I64, axis: int) -> bool:
+@part
+def _separated_in_projection(tri: I64, voxel: I64, k: int, m: int, axis: int) -> bool:
     """A line of the plane separates the projected triangle and segment."""
     p, q = (axis + 1) % 3, (axis + 2) % 3
     for e in range(4):
@@ -211,13 +218,13 @@ def _separated_in_projection(tri: I64, ends: I64, axis: int) -> bool:
             a = tri[(e + 1) % 3, q] - tri[e, q]
             b = tri[e, p] - tri[(e + 1) % 3, p]
         else:
-            a = ends[1, q] - ends[0, q]
-            b = ends[0, p] - ends[1, p]
+            a = np.int64(diagonal_step(m, q))
+            b = np.int64(-diagonal_step(m, p))
         first = a * tri[0, p] + b * tri[0, q]
         second = a * tri[1, p] + b * tri[1, q]
         third = a * tri[2, p] + b * tri[2, q]
-        one = a * ends[0, p] + b * ends[0, q]
-        other = a * ends[1, p] + b * ends[1, q]
+        one = a * diagonal_end(voxel, k, m, p, 0) + b * diagonal_end(voxel, k, m, q, 0)
+        other = a * diagonal_end(voxel, k, m, p, 1) + b * diagonal_end(voxel, k, m, q, 1)
         if max(first, second, third) < min(one, other):
             return True
         if min(first, second, third) > max(one, other):
