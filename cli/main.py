@@ -67,10 +67,9 @@ def status(arguments: Sequence[str]) -> int:
     try:
         returned = main.main(arguments, prog_name="gstream", standalone_mode=False)
         sys.stdout.flush()
-    except (BrokenPipeError, SystemExit) as error:  # click turns the first into the second
-        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
-            raise
-        # The reader of our output has left (`gstream info … | head`): nothing is wrong.
+    except (BrokenPipeError, SystemExit):
+        # The reader of our output has left (`gstream info … | head`): nothing is wrong. Click
+        # turns that into SystemExit(1), and raises no other one outside its standalone mode.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 0
     except (KeyboardInterrupt, click.Abort):

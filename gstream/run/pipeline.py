@@ -33,7 +33,8 @@ class StageReport:
     """What one stage did."""
 
     stage: str
-    seconds: float  # wall clock
+    seconds: float  # wall clock, without the kernels
+    warm_seconds: float  # compiling or loading its kernels
     units: int
     resumed: int  # units that an earlier run had finished
     counts: Mapping[str, int | float | str]
@@ -46,7 +47,7 @@ class RunReport:
     output: str
     output_bytes: int
     stages: tuple[StageReport, ...]
-    warm_seconds: float  # compiling or loading kernels
+    warm_seconds: float  # of all stages
     seconds: float  # wall clock, all of it
     cpu_seconds: float  # user and system, of the whole process tree
     peak_memory: int  # bytes, Σ (Pss_Anon + Pss_Shmem) over the process tree
@@ -72,7 +73,6 @@ def run_job(
     with ExitStack() as stack:
         stack.enter_context(stop_on_signals((f"{job.output}.wip", f"{job.stream}.wip")))
         memory = stack.enter_context(MemorySampler())
-        warm_seconds = _warm(stages)
         with Workers(count) as pool:
             reports = tuple(_run_stage(job, stage, pool, progress) for stage in stages)
         memory.sample()
@@ -80,7 +80,7 @@ def run_job(
         output=job.output,
         output_bytes=os.path.getsize(job.output),
         stages=reports,
-        warm_seconds=warm_seconds,
+        warm_seconds=sum(report.warm_seconds for report in reports),
         seconds=perf_counter() - started,
         cpu_seconds=_cpu_seconds() - cpu,
         peak_memory=memory.peak,
@@ -94,22 +94,31 @@ def _run_stage(job: Job, stage: Stage, pool: Workers, progress: Progress) -> Sta
         units = stage.plan(job)
         pending = [unit for unit in units if scratch.done(unit) is None]
     progress.stage_begins(stage.NAME, len(pending), sum(unit.cost for unit in pending))
+    warm_seconds = _warm(stage) if pending else 0.0
     pool.run(stage, job, pending, lambda unit: progress.unit_done(stage.NAME, unit.cost))
     with disk_errors(job, f"stage {stage.NAME}"):
         summary = stage.finish(job)
-    seconds = perf_counter() - started
+    seconds = perf_counter() - started - warm_seconds
     progress.stage_ends(stage.NAME, seconds)
-    resumed = len(units) - len(pending)
-    return StageReport(stage.NAME, seconds, len(units), resumed, dict(summary.counts))
+    return StageReport(
+        stage=stage.NAME,
+        seconds=seconds,
+        warm_seconds=warm_seconds,
+        units=len(units),
+        resumed=len(units) - len(pending),
+        counts=dict(summary.counts),
+    )
 
 
-def _warm(stages: Sequence[Stage]) -> float:
-    """Compile in the parent: many processes filling one numba cache is numba issue 4807."""
+def _warm(stage: Stage) -> float:
+    """Compile in the parent first: many processes filling one numba cache is numba issue 4807.
+
+    Stage by stage, so that a bad input is refused before kernels that it would never reach.
+    """
     started = perf_counter()
-    for stage in stages:
-        warm = getattr(stage, "warm", None)
-        if warm is not None:
-            warm()
+    warm = getattr(stage, "warm", None)
+    if warm is not None:
+        warm()
     return perf_counter() - started
 
 

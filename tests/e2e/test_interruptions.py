@@ -93,7 +93,8 @@ def test_a_second_run_of_a_running_job_is_refused(folder):
         assert wait_for(folder, "gstream-*/job.json", process)
         os.kill(process.pid, signal.SIGSTOP)
         arguments = ("build", "sphere.ply", "-o", "twice.gsb", *SETTINGS, "--workers", 0)
-        assert "this job is running already in another process" in fail(folder, 2, *arguments)
+        said = fail(folder, 2, *arguments)
+        assert "this job is running already in another process" in said
         os.kill(process.pid, signal.SIGCONT)
         process.communicate()
     assert process.returncode == 0

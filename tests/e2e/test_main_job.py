@@ -43,7 +43,7 @@ def test_the_ledger_adds_up_in_file_and_report(folder):
     assert ledger["triangles"] == sum(ledger[fate] for fate in fates) == 4 * 60 * 60
     assert ledger["voxels"] == [level["voxels"] for level in held["levels"]]
     report = json.loads((folder / "report.json").read_text())
-    assert report["file"] == held
+    assert report["file"] == {**held, "path": str(folder / "sphere.gsb")}
     assert report["output_bytes"] == held["bytes"] == (folder / "sphere.gsb").stat().st_size
     assert report["peak_memory"] > 0
     assert held["metadata"]["units"] == "m"
@@ -51,7 +51,7 @@ def test_the_ledger_adds_up_in_file_and_report(folder):
 
 def test_the_voxels_lie_on_the_sphere(folder):
     with api.open(folder / "sphere.gsb") as scene:
-        matrix = scene.matrix(0)
+        matrix = np.array(scene.header.matrix).reshape(3, 4)
         voxels = scene.region((-2, -2, -2), (2, 2, 2), columns=("normal",))
         sizes = [sum(block.count for block in scene.blocks(level)) for level in range(scene.levels)]
     centres = (voxels.positions + 0.5) @ matrix[:, :3].T + matrix[:, 3]
