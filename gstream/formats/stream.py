@@ -109,17 +109,21 @@ def as_json(value: Mapping[str, Any]) -> bytes:
     text = json.dumps(
         value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
     )
-    return text.encode()
+    return text.encode("utf-8", "replace")  # a path may have bytes that are no UTF-8
 
 
 def parse_json(data: bytes, rule: str, path: str, at: int, what: str) -> dict[str, Any]:
     try:
-        value = json.loads(data.decode("utf-8"))
+        value = json.loads(data.decode("utf-8"), parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
         raise CorruptFileError(rule, path, at, f"{what} is not JSON") from error
     if not isinstance(value, dict):
         raise CorruptFileError(rule, path, at, f"{what} is not a JSON object")
     return value
+
+
+def _no_constant(word: str) -> None:
+    raise ValueError(f"{word} is not JSON")
 
 
 class StreamWriter:

@@ -177,3 +177,10 @@ def test_the_good_vectors_decode_by_the_tables_of_the_spec():
     for path in sorted(vectors.glob("stream-*.gst")):
         if "unknown" not in path.name:
             assert "sources" in decode(path.read_bytes())["totals"]
+
+
+def test_the_smallest_file_is_the_dump_printed_in_the_spec():
+    root = Path(__file__).parents[2] / "spec"
+    dump = (root / "stream.md").read_text().split("## 13.")[1].split("```")[1]
+    printed = bytes.fromhex("".join(line[4:] for line in dump.strip().splitlines()))
+    assert printed == (root / "vectors" / "good" / "stream-smallest.gst").read_bytes()
