@@ -24,7 +24,9 @@ class Record(NamedTuple):
     raw_bytes: int
 
 
-def pipeline_columns(colours: bool, normal_bits: int, weighted: bool = True) -> tuple[ColumnSpec, ...]:
+def pipeline_columns(
+    colours: bool, normal_bits: int, weighted: bool = True
+) -> tuple[ColumnSpec, ...]:
     """The columns that piles carry: the weight too, for the levels above, unless there is none."""
     specs = column_specs(normal_bits)
     wanted = {"occupancy", "mask", "normal"}

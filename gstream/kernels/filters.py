@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from gstream.kernels import kernel
+from gstream.kernels import kernel, part
 
 NONE = 0
 BYTE_PLANES = 1
@@ -109,7 +109,7 @@ def warm() -> None:
     decode_occupancy(masks, 3, count_leaves(masks, 3))
 
 
-@kernel
+@part
 def transpose_8x8(word):
     """Transpose a matrix of 8 x 8 bits: bit c of byte r goes to bit r of byte c.
 
@@ -189,7 +189,7 @@ def split_planes(values, step, planes):
                 plane[g] = (row[g] >> shift) & BYTE
 
 
-@kernel
+@part
 def code_steps(values, step, bits, coded):
     """Code each value of one component against the one before.
 
@@ -213,7 +213,7 @@ def code_steps(values, step, bits, coded):
         last = value
 
 
-@kernel
+@part
 def value_at(parts, i):
     """One value from its bytes: parts (1, 2 or 4, m) u8, low bytes first. Returns uint64."""
     value = np.uint64(parts[0, i])
@@ -225,7 +225,7 @@ def value_at(parts, i):
     return value
 
 
-@kernel
+@part
 def sum_deltas(parts, bits, values):
     """Undo code_steps with DELTA; parts (1, 2 or 4, m >= n) u8, values (n,) out."""
     low = (ONE << np.uint64(bits)) - ONE
@@ -236,7 +236,7 @@ def sum_deltas(parts, bits, values):
         values[i] = last & low
 
 
-@kernel
+@part
 def sum_xor(parts, values):
     """Undo code_steps with XOR; parts (1, 2 or 4, m >= n) u8, values (n,) out."""
     last = ZERO
@@ -245,7 +245,7 @@ def sum_xor(parts, values):
         values[i] = last
 
 
-@kernel
+@part
 def join_parts(parts, values):
     """Join the bytes of one component; parts (1, 2 or 4, m >= n) u8, values (n,) out."""
     for i in range(values.size):

@@ -30,7 +30,9 @@ F64 = NDArray[np.float64]
 
 CONSERVATIVE, SIX, TWENTY_SIX = 0, 6, 26
 AREA_UNITS = 2.0**26  # accumulator units per voxel face
-SLAB_FRAGMENTS = 4096  # room a slab of 256 columns may need: 2 more voxels per column on closed ties
+SLAB_FRAGMENTS = (
+    4096  # room a slab of 256 columns may need: 2 more voxels per column on closed ties
+)
 BUFFER_FRAGMENTS = 12_288
 LOWEST, HIGHEST = CORNERS - 2, CORNERS - 1  # where a column's polygon keeps its range of heights
 
@@ -288,7 +290,9 @@ def emit(
                     if corner_count < 0:
                         if not full and not flat and strip_corners < 0:
                             strip_corners = clip_between(whole, 3, 0, i, i + 1.0, spare, strip)
-                        corner_count = column_polygon(strip, strip_corners, i, j, full, spare, column)
+                        corner_count = column_polygon(
+                            strip, strip_corners, i, j, full, spare, column
+                        )
                         if flat or corner_count < 3:
                             corner_count = 0
                         else:
@@ -321,9 +325,7 @@ def emit(
                                 tri, plane, edges, centres, k, closed, voxel, value
                             )
                         else:
-                            hit = meets_diagonals(
-                                tri, plane, lines, ends, k, closed, voxel, value
-                            )
+                            hit = meets_diagonals(tri, plane, lines, ends, k, closed, voxel, value)
                     assigned[t] |= hit
                     keys[count] = (
                         spread[voxel[0] + box[0, 0]]

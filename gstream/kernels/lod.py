@@ -6,8 +6,8 @@ linear of code (256,) u16 and code of linear (65536,) u8.
 
 import numpy as np
 
-from gstream.kernels import kernel
-from gstream.kernels.octahedral import decode_normal, encode_normal
+from gstream.kernels import kernel, part
+from gstream.kernels.octahedral import decode_normal, encode_normals
 
 MAX_WEIGHT = (1 << 32) - 1
 # A quotient total / weight is an integer or, relative to it, at least 1 / total below the next:
@@ -15,7 +15,7 @@ MAX_WEIGHT = (1 << 32) - 1
 EXACT_TOTAL = 1 << 51
 
 
-@kernel
+@part
 def rounded_mean(total, weight):
     """total / weight rounded half up; total int64 >= 0, weight int64 >= 1; nothing overflows."""
     quick = total < EXACT_TOTAL
@@ -24,7 +24,7 @@ def rounded_mean(total, weight):
     return quotient + 1 if rest >= weight - rest else quotient
 
 
-@kernel
+@part
 def colour_code(linear, tables):
     """The sRGB code of a linear value; clamped to 0...65535, so the look-up stays in bounds."""
     return tables[1][min(max(linear, 0), 65_535)]
@@ -61,7 +61,7 @@ def reduce_runs(codes, mask, normal, colour, weight, normal_bits, use_weight, ta
     runs = count_runs(codes)
     out_morton = np.empty(runs, np.uint32)
     out_mask = np.empty(runs, np.uint8)
-    out_normal = np.empty((runs if normal.shape[0] else 0, 2), np.uint16)
+    directions = np.empty((runs if normal.shape[0] else 0, 3), np.int64)
     out_colour = np.empty((runs if colour.shape[0] else 0, 4), np.uint8)
     out_weight = np.empty(runs if weight.size else 0, np.uint32)
     begin = 0
@@ -76,21 +76,22 @@ def reduce_runs(codes, mask, normal, colour, weight, normal_bits, use_weight, ta
         out_mask[m] = merged if merged != 0 else 63
         shares = weight[begin:end] if use_weight else weight[:0]
         if normal.shape[0]:
-            out_normal[m] = merge_normals(normal[begin:end], shares, normal_bits)
+            sum_normals(normal[begin:end], shares, normal_bits, directions[m])
         if colour.shape[0]:
             merge_colours(colour[begin:end], shares, tables, out_colour[m])
         if weight.size:
             out_weight[m] = merge_weights(weight[begin:end])
         begin = end
+    out_normal = encode_normals(directions, normal_bits)
     return out_morton, out_mask, out_normal, out_colour, out_weight
 
 
-@kernel
-def merge_normals(codes, shares, bits):
-    """Code of the weighted sum of a few directions.
+@part
+def sum_normals(codes, shares, bits, out):
+    """Weighted sum of a few directions.
 
     codes  : (n, 2) u16; shares : (n,) u32, or (0,) to count each once; bits : int
-    returns: int, int
+    out    : (3,) int64
     errors : none; sums stay below 2^50 for eight children
     source : spec, "Levels of detail"
     """
@@ -101,10 +102,10 @@ def merge_normals(codes, shares, bits):
         x += share * a
         y += share * b
         z += share * c
-    return encode_normal(x, y, z, bits)
+    out[0], out[1], out[2] = x, y, z
 
 
-@kernel
+@part
 def merge_colours(colours, shares, tables, out):
     """Weighted mean of a few colours, in linear light.
 
@@ -128,7 +129,7 @@ def merge_colours(colours, shares, tables, out):
     out[3] = rounded_mean(alpha, total)
 
 
-@kernel
+@part
 def merge_weights(weights):
     """(sum + 2) // 4 of (n,) u32 weights, from 1 to 2^32 - 1: faces of the parent's level."""
     total = np.int64(0)
@@ -150,13 +151,11 @@ def finish_voxels(area, area_vector, colour_sum, mask, normal_bits, tables):
     """
     m = area.size
     out_mask = np.empty(m, np.uint8)
-    out_normal = np.empty((m, 2), np.uint16)
+    out_normal = encode_normals(area_vector, normal_bits)
     out_colour = np.empty((colour_sum.shape[0], 4), np.uint8)
     out_weight = np.empty(m, np.uint32)
     for i in range(m):
         out_mask[i] = mask[i] if mask[i] != 0 else 63
-        x, y, z = area_vector[i, 0], area_vector[i, 1], area_vector[i, 2]
-        out_normal[i, 0], out_normal[i, 1] = encode_normal(x, y, z, normal_bits)
         out_weight[i] = min(max((area[i] + 32) >> 6, 1), MAX_WEIGHT)
     for i in range(colour_sum.shape[0]):
         total = max(area[i], 1)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.kernels import kernel
+from gstream.kernels import kernel, part
 
 S1, S2, S4 = np.uint64(1), np.uint64(2), np.uint64(4)
 S8, S16, S32 = np.uint64(8), np.uint64(16), np.uint64(32)
@@ -21,7 +21,7 @@ M2 = np.uint64(0x1249249249249249)
 M21 = np.uint64(0x00000000001FFFFF)
 
 
-@kernel
+@part
 def spread(value):
     """Move bit i of a coordinate below 2^21 to bit 3 i, as uint64."""
     value = np.uint64(value) & M21
@@ -32,7 +32,7 @@ def spread(value):
     return (value | (value << S2)) & M2
 
 
-@kernel
+@part
 def gather(code):
     """Undo spread: bit 3 i of a code goes to bit i, as uint64."""
     value = np.uint64(code) & M2
@@ -43,13 +43,13 @@ def gather(code):
     return (value | (value >> S32)) & M21
 
 
-@kernel
+@part
 def encode(x, y, z):
     """The uint64 Morton code of one voxel; x, y, z below 2^21."""
     return spread(x) | (spread(y) << S1) | (spread(z) << S2)
 
 
-@kernel
+@part
 def decode(code):
     """The coordinates (x, y, z) of one uint64 Morton code, as uint64."""
     return gather(code), gather(np.uint64(code) >> S1), gather(np.uint64(code) >> S2)

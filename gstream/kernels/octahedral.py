@@ -4,19 +4,19 @@ Source: Cigolle et al., "A Survey of Efficient Representations for Independent U
 JCGT 3(2), 2014; the integer rule is the spec's, "Normals".
 """
 
-from math import floor, sqrt
+from math import copysign, fabs, floor, isnan, sqrt
 
 import numpy as np
 
-from gstream.kernels import kernel
+from gstream.kernels import kernel, part
 
 UNIT = 32767.0
 ZERO = np.uint64(0)
-# Then |x| + |y| + |z| < 2^32, and its products with h < 2^11 are exact in binary64.
 SHIFTED_BITS = np.uint64(30)
+BATCH = 256  # directions: 10 KiB of scratch, within any L1 cache
 
 
-@kernel
+@part
 def unfold(x, y, h):
     """The point of the octahedron |x| + |y| + |z| = h above or below a point of its square.
 
@@ -32,7 +32,7 @@ def unfold(x, y, h):
     return (-u if x < 0 else u), (-v if y < 0 else v), z
 
 
-@kernel
+@part
 def decode_normal(field_x, field_y, bits):
     """One direction of about 32767 units.
 
@@ -49,13 +49,13 @@ def decode_normal(field_x, field_y, bits):
     return floor(x * scale + 0.5), floor(y * scale + 0.5), floor(z * scale + 0.5)
 
 
-@kernel
+@part
 def magnitude(value):
     """|value| of an int64 as uint64, -2^63 included."""
     return np.uint64(-value) if value < 0 else np.uint64(value)
 
 
-@kernel
+@part
 def shift_to_fit(largest):
     """The smallest right shift that brings a uint64 below 2^30, as uint64."""
     rest = largest >> SHIFTED_BITS
@@ -69,60 +69,78 @@ def shift_to_fit(largest):
     return shift
 
 
-@kernel
-def nearest_code(x, y, z, h):
-    """Of the four canonical codes around a direction, the one at the least angle.
+@part
+def shift_directions(sums, vectors):
+    """Scale directions down to magnitudes below 2^30, toward zero; shorter ones stay as they are.
 
-    x, y, z : int64   not all 0, magnitudes below 2^30; h : int
-    returns: int, int   code coordinates, -h to h
-    errors : none
-    source : Cigolle et al., section 4.1 ("precise"), in the spec's order: the score is the exact
-             dot product with the octahedron's point, divided once by the point's length
-    """
-    s = abs(x) + abs(y) + abs(z)
-    px, py = x, y
-    if z < 0:
-        px, py = s - abs(y), s - abs(x)
-        if x < 0:
-            px = -px
-        if y < 0:
-            py = -py
-    # Exact: a quotient below 2^11 that is no integer is at least 2^-32 away from one. An integer
-    # division takes 40 cycles on many processors.
-    x0, y0 = floor(float(px * h) / float(s)), floor(float(py * h) / float(s))
-    best, best_x, best_y = -np.inf, 0, 0
-    for corner in range(4):
-        u = min(max(x0 + (corner & 1), -h), h)
-        v = min(max(y0 + (corner >> 1), -h), h)
-        if abs(u) == h:
-            v = abs(v)
-        if abs(v) == h:
-            u = abs(u)
-        a, b, c = unfold(u, v, h)
-        score = float(x * a + y * b + z * c) / sqrt(float(a * a + b * b + c * c))
-        if score > best:
-            best, best_x, best_y = score, u, v
-    return best_x, best_y
-
-
-@kernel
-def encode_normal(x, y, z, bits):
-    """The code of one direction of any length.
-
-    x, y, z, bits : int64, int
-    returns: int, int   the two fields, both 2^bits - 1 for 0, 0, 0
+    sums   : (n, 3) int64
+    vectors : (3, m >= n) f64, out, integers; never -0.0
     errors : none
     source : spec, "Normals"
     """
-    a, b, c = magnitude(x), magnitude(y), magnitude(z)
-    largest = max(a, b, c)
-    if largest == ZERO:
-        return (1 << bits) - 1, (1 << bits) - 1
-    shift = shift_to_fit(largest)
-    u, v, w = np.int64(a >> shift), np.int64(b >> shift), np.int64(c >> shift)
-    h = (1 << (bits - 1)) - 1
-    code_x, code_y = nearest_code(-u if x < 0 else u, -v if y < 0 else v, -w if z < 0 else w, h)
-    return code_x + h, code_y + h
+    xs, ys, zs = vectors[0], vectors[1], vectors[2]
+    for i in range(sums.shape[0]):
+        x, y, z = sums[i, 0], sums[i, 1], sums[i, 2]
+        a, b, c = magnitude(x), magnitude(y), magnitude(z)
+        shift = shift_to_fit(a | b | c)  # as many bits as the largest of the three
+        u, v, w = np.int64(a >> shift), np.int64(b >> shift), np.int64(c >> shift)
+        xs[i] = float(-u if x < 0 else u)
+        ys[i] = float(-v if y < 0 else v)
+        zs[i] = float(-w if z < 0 else w)
+
+
+@part
+def fold_border(u, v, h):
+    """The canonical name of a code on the border of the square; h and coordinates as f64."""
+    v = fabs(v) if fabs(u) == h else v
+    u = fabs(u) if fabs(v) == h else u
+    return u, v
+
+
+@part
+def cosine(x, y, z, u, v, h):
+    """The cosine, times a length, between a direction and a code.
+
+    x, y, z, u, v, h : f64   integers; direction below 2^30, code coordinates -h to h
+    returns: f64   exact dot product with the octahedron's point, divided by that point's length
+    errors : none
+    source : Cigolle et al., section 4.1 ("precise"), in the spec's order
+    """
+    u, v = fold_border(u, v, h)
+    c = h - fabs(u) - fabs(v)
+    a = copysign(h - fabs(v), u) if c < 0.0 else u
+    b = copysign(h - fabs(u), v) if c < 0.0 else v
+    return (x * a + y * b + z * c) / sqrt(a * a + b * b + c * c)
+
+
+@part
+def nearest_codes(vectors, count, h, codes):
+    """Of the four canonical codes around each direction, the first at the least angle.
+
+    All in binary64, so that the loop vectorises (14 ns each, 50 with integers). Every product and
+    sum is an integer below 2^53. A quotient below 2^11 that is no integer is 2^-32 or more away
+    from one, so that its floor is exact.
+
+    vectors, count, h : (3, m) f64 of shift_directions, int   first of them, f64
+    codes  : (2, m) f64   code coordinates, out; nan for 0, 0, 0
+    errors : none
+    source : Cigolle et al., section 4.1
+    """
+    xs, ys, zs = vectors[0], vectors[1], vectors[2]
+    us, vs = codes[0], codes[1]
+    for i in range(count):
+        x, y, z = xs[i], ys[i], zs[i]
+        s = fabs(x) + fabs(y) + fabs(z)
+        px = copysign(s - fabs(y), x) if z < 0.0 else x
+        py = copysign(s - fabs(x), y) if z < 0.0 else y
+        u0, v0 = np.floor(px * h / s), np.floor(py * h / s)
+        u1, v1 = min(u0 + 1.0, h), min(v0 + 1.0, h)
+        score_0, score_1 = cosine(x, y, z, u0, v0, h), cosine(x, y, z, u1, v0, h)
+        score_2, score_3 = cosine(x, y, z, u0, v1, h), cosine(x, y, z, u1, v1, h)
+        u_low = u1 if score_1 > score_0 else u0
+        u_high = u1 if score_3 > score_2 else u0
+        upper = max(score_2, score_3) > max(score_0, score_1)
+        us[i], vs[i] = fold_border(u_high if upper else u_low, v1 if upper else v0, h)
 
 
 @kernel
@@ -134,9 +152,20 @@ def encode_normals(sums, bits):
     errors : none
     source : spec, "Normals"
     """
+    h = (1 << (bits - 1)) - 1
     codes = np.empty((sums.shape[0], 2), np.uint16)
-    for i in range(sums.shape[0]):
-        codes[i, 0], codes[i, 1] = encode_normal(sums[i, 0], sums[i, 1], sums[i, 2], bits)
+    vectors, found = np.empty((3, BATCH)), np.empty((2, BATCH))
+    for begin in range(0, sums.shape[0], BATCH):
+        batch, target = sums[begin : begin + BATCH], codes[begin : begin + BATCH]
+        count = batch.shape[0]
+        shift_directions(batch, vectors)
+        nearest_codes(vectors, count, float(h), found)
+        for i in range(count):
+            u, v = found[0, i], found[1, i]
+            if isnan(u):
+                target[i, 0] = target[i, 1] = 2 * h + 1
+            else:
+                target[i, 0], target[i, 1] = np.int64(u) + h, np.int64(v) + h
     return codes
 
 

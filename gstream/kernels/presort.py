@@ -94,9 +94,7 @@ def classify(
             last[axis] = min(high, resolution - 1) >> cell_bits
             if extent >= half_cell:
                 kind = LARGE
-            elif kind == SMALL and (
-                low < 0 or high >= resolution or first[axis] != last[axis]
-            ):
+            elif kind == SMALL and (low < 0 or high >= resolution or first[axis] != last[axis]):
                 kind = SPANNING
         kinds[t] = kind
         if kind == OUTSIDE:
@@ -107,9 +105,7 @@ def classify(
         for z in range(first[2], last[2] + 1):
             for y in range(first[1], last[1] + 1):
                 for x in range(first[0], last[0] + 1):
-                    key = (
-                        spread[x] | (spread[y] << np.uint32(1)) | (spread[z] << np.uint32(2))
-                    )
+                    key = spread[x] | (spread[y] << np.uint32(1)) | (spread[z] << np.uint32(2))
                     counts[key] += 1
     return degenerate
 
@@ -140,9 +136,7 @@ def scatter(
         for z in range(first[2], last[2] + 1):
             for y in range(first[1], last[1] + 1):
                 for x in range(first[0], last[0] + 1):
-                    key = (
-                        spread[x] | (spread[y] << np.uint32(1)) | (spread[z] << np.uint32(2))
-                    )
+                    key = spread[x] | (spread[y] << np.uint32(1)) | (spread[z] << np.uint32(2))
                     at = offsets[key]
                     offsets[key] = at + 1
                     for c in range(3):
@@ -172,7 +166,9 @@ def unpack(packed: U64, half_cell: int, shift: I64, corners: I64) -> None:
 
 
 @kernel
-def within(corners: I64, k: int, closed: bool, shift: I64, room: I64, single: NDArray[np.bool_]) -> None:
+def within(
+    corners: I64, k: int, closed: bool, shift: I64, room: I64, single: NDArray[np.bool_]
+) -> None:
     """Which triangles meet voxels of one cell only: presort has told the fate of the others.
 
     corners : (n, 3, 3) i8   snap units relative to a box in the cell

@@ -115,10 +115,7 @@ def meets_diagonals(
             continue
         passes = True
         for e in range(3):
-            if (
-                lines[m, e, 0] * i + lines[m, e, 1] * j + lines[m, e, 2] * l + lines[m, e, 3]
-                < 0
-            ):
+            if lines[m, e, 0] * i + lines[m, e, 1] * j + lines[m, e, 2] * l + lines[m, e, 3] < 0:
                 passes = False
                 break
         if passes:
@@ -163,9 +160,7 @@ def closed_segment_meets(tri: I64, k: int, r: int, voxel: I64) -> bool:
 
 
 @part
-def closed_diagonal_meets(
-    tri: I64, plane: I64, k: int, m: int, voxel: I64, value: int
-) -> bool:
+def closed_diagonal_meets(tri: I64, plane: I64, k: int, m: int, voxel: I64, value: int) -> bool:
     """Closed ties, diagonal m parallel to the triangle's plane (or the triangle degenerate): do they meet?
 
     Both lie in one plane or not at all; then they are compared in a projection that is faithful for

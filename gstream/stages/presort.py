@@ -21,7 +21,6 @@ from gstream.kernels import indexing as fast
 from gstream.kernels.presort import (
     LARGE,
     OUTSIDE,
-    SMALL,
     SPANNING,
     classify,
     gather,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gstream.formats.cells import SCENE, Scene
 from gstream.formats.columns import Block, ColumnSpec, decode_column, encode_block
 from gstream.formats.directory import Rows, pile_dtype
+from gstream.formats.lodrule import COLOUR_TABLES
 from gstream.formats.pile import PileWriter, read_pile_rows
 from gstream.formats.rows import (
     Record,
@@ -27,7 +28,7 @@ from gstream.formats.rows import (
 )
 from gstream.job import Job, Summary, Unit
 from gstream.kernels import filters as fast
-from gstream.formats.lodrule import reduce_runs
+from gstream.kernels.lod import reduce_runs
 from gstream.run.publish import Scratch
 
 NAME = "6-simplify"
@@ -98,7 +99,10 @@ def finish(job: Job) -> Summary:
             with scratch.write(name) as file, PileWriter(file, columns) as pile:
                 tree = Tree(job, scene, scratch, names, pile)
                 tree.make(roots, top, base=depth)
-            counts = {"blocks": counts["blocks"] + tree.blocks, "voxels": counts["voxels"] + tree.voxels}
+            counts = {
+                "blocks": counts["blocks"] + tree.blocks,
+                "voxels": counts["voxels"] + tree.voxels,
+            }
             rows = np.concatenate([rows, _pile_rows(scratch, name, len(names))])
             names.append(name)
         with scratch.write(f"{NAME}/{LEVEL_ROWS}") as file:
@@ -111,6 +115,12 @@ def finish(job: Job) -> Summary:
 def warm() -> None:
     """Compile the kernels of this stage."""
     fast.warm()
+    one, none = np.zeros(1, np.uint32), np.empty((0, 4), np.uint8)
+    for colour in (none, np.zeros((1, 4), np.uint8)):
+        reduce_runs(
+            one, np.ones(1, np.uint8), np.zeros((1, 2), np.uint16), colour, one + one.dtype.type(1),
+            11, True, COLOUR_TABLES,
+        )  # fmt: skip
 
 
 class Tree:
@@ -147,7 +157,10 @@ class Tree:
         for column in self.columns:
             stored = row[column.name]
             record = Record(
-                int(stored["codec"]), int(stored["filter"]), int(stored["constant"]), int(stored["raw"])
+                int(stored["codec"]),
+                int(stored["filter"]),
+                int(stored["constant"]),
+                int(stored["raw"]),
             )
             at = int(stored["offset"]) - offset if stored["stored"] else 0
             arrays[column.name] = decode_column(
@@ -171,14 +184,13 @@ class Tree:
             else none[name]
             for name in ("mask", "normal", "colour", "weight")
         }
-        parent = reduce_runs(
+        morton, mask, normal, colour, weight = reduce_runs(
             codes, whole["mask"], whole["normal"], whole["colour"], whole["weight"],
-            self.settings.normal_bits, self.scene.weighted,
+            self.settings.normal_bits, self.scene.weighted, COLOUR_TABLES,
         )  # fmt: skip
         return Block(
-            parent.morton, parent.mask, parent.normal,
-            parent.colour if self.scene.colours else None,
-            parent.weight if self.scene.weighted else None,
+            morton, mask, normal,
+            colour if self.scene.colours else None, weight if self.scene.weighted else None,
         )  # fmt: skip
 
     def _write(self, key: int, level: int, block: Block, children: int) -> None:

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from gstream.errors import RefusedError
 from gstream.formats.cells import LARGE, SCENE, SEGMENT, SEGMENTS, Scene
 from gstream.formats.columns import Block, encode_block
-from gstream.formats.lodrule import LINEAR_OF_CODE
+from gstream.formats.lodrule import COLOUR_TABLES, LINEAR_OF_CODE
 from gstream.formats.pile import PileWriter
 from gstream.formats.rows import pipeline_columns, tight_bounds
 from gstream.job import Job, Summary, Unit
 from gstream.kernels import filters as fast
 from gstream.kernels.accumulate import AREA, CHANNELS, HIT, VECTOR
-from gstream.formats.lodrule import finish_voxels
+from gstream.kernels.lod import finish_voxels
 from gstream.kernels.presort import unpack, within
 from gstream.kernels.voxelize import Box, BoxFullError, Rules, compact
 from gstream.run.publish import Scratch
@@ -231,6 +231,7 @@ def _finish(sums: Array, flags: Array, colours: bool, normals: bool, bits: int) 
         np.ascontiguousarray(colour),
         flags & FACE_BITS,
         bits,
+        COLOUR_TABLES,
     )
 
 
