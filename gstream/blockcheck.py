@@ -14,7 +14,6 @@ from gstream.contentcheck import Content, Progress, broken
 from gstream.errors import CorruptFileError
 from gstream.formats.blockhead import check_tail
 from gstream.formats.directory import (
-    HEAD_BYTES,
     TAIL_BYTES,
     Rows,
     group_starts,
@@ -120,7 +119,7 @@ def _walk(file: BlockFile) -> NDArray[np.int64]:
     head, directory = file.head, file.directory
     levels = np.zeros((head.settings.levels, 2), np.int64)
     last: Any = None
-    at = HEAD_BYTES
+    at = head.head_bytes
     for kind, number in _body(file):
         if kind == "payloads":
             entries = directory.page(number)
@@ -178,7 +177,8 @@ def _payloads_end(file: BlockFile, number: int, entries: Rows, begin: int) -> in
         )
         raise CorruptFileError("GSB-0312", file.path, int(offsets[row, column]), said)
     if number == 0:
-        opening = opening_bytes(entries, columns, begin, file.head.levels["blocks"])
+        before = begin - file.head.head_bytes
+        opening = opening_bytes(entries, columns, before, file.head.levels["blocks"])
         if opening != file.head.opening_bytes:
             said = f"the opening run has {opening} bytes, not {file.head.opening_bytes}"
             raise CorruptFileError("GSB-0310", file.path, 224, said)

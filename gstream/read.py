@@ -20,7 +20,7 @@ from gstream.errors import CorruptFileError, UnsupportedError, UsageError
 from gstream.formats import filters as plain
 from gstream.formats.blockhead import BlockFileHeader, Head, parse_head
 from gstream.formats.columns import COLUMN_IDS, ColumnSpec, decode_column
-from gstream.formats.directory import HEAD_BYTES, STATE_DATA
+from gstream.formats.directory import MAX_HEAD_BYTES, STATE_DATA
 from gstream.formats.filters import Filters
 from gstream.formats.framing import crc32
 from gstream.formats.lodrule import decode_normals
@@ -99,8 +99,11 @@ class BlockFile:
     ) -> None:
         self.path, self.filters = path, filters
         self._source, self._descriptor = read_at, descriptor
-        self._opening = b""
-        self.head: Head = parse_head(bytes(read_at(0, HEAD_BYTES)), path)
+        beginning = bytes(read_at(0, MAX_HEAD_BYTES))
+        self.head: Head = parse_head(beginning, path)
+        self._opening = beginning[
+            self.head.head_bytes :
+        ]  # what is behind the head is not read twice
         if size is not None and size != self.head.file_bytes:
             said = f"the file has {size} bytes, not {self.head.file_bytes}: truncated"
             raise CorruptFileError("GSB-0102", path, min(size, self.head.file_bytes), said)
@@ -118,7 +121,7 @@ class BlockFile:
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
-            self._source = _closed
+            self._source, self._opening = _closed, b""
 
     @property
     def header(self) -> BlockFileHeader:
@@ -168,7 +171,7 @@ class BlockFile:
 
     def read_range(self, offset: int, length: int) -> bytes:
         """Exactly `length` bytes; a shorter read means a truncated file (GSB-0102)."""
-        inside = offset - HEAD_BYTES
+        inside = offset - self.head.head_bytes
         if inside >= 0 and length <= len(self._opening) - inside:
             return self._opening[inside : inside + length]
         data = bytes(self._source(offset, length)) if length else b""
@@ -178,8 +181,9 @@ class BlockFile:
         return data
 
     def load_opening(self) -> None:
-        """Read the run that holds the coarsest levels, in one request; later reads use it."""
-        self._opening = self.read_range(HEAD_BYTES, self.head.opening_bytes)
+        """Read the run of the coarsest levels, in one request or none; later reads use it."""
+        if len(self._opening) < self.head.opening_bytes:
+            self._opening = self.read_range(self.head.head_bytes, self.head.opening_bytes)
 
     def blocks(self, level: int) -> "Iterator[BlockView]":
         """The blocks of one level in Morton order, without the empty ones."""

@@ -17,19 +17,18 @@ from numpy.typing import NDArray
 from gstream.errors import CorruptFileError, RefusedError
 from gstream.formats.blockhead import (
     MAX_BLOCKS,
-    MAX_META_BYTES,
     PAGE_CAPACITY,
     BlockFileHeader,
     Head,
     Section,
-    meta_bytes,
+    head_length,
     pack_head,
     pack_tail,
     parse_head,
 )
+from gstream.formats.blockmeta import MAX_META_BYTES, meta_bytes
 from gstream.formats.columns import ColumnSpec
 from gstream.formats.directory import (
-    HEAD_BYTES,
     LEVEL_DTYPE,
     PAGE_DTYPE,
     PAGE_ENTRIES,
@@ -170,9 +169,8 @@ class _Layout:
             yield from (("page", i) for i in range(first, min(last, pages)))
             yield from (("payloads", i) for i in range(first, min(last, pages)))
 
-    def place(self, identity: Any) -> int:
-        """Set every offset and CRC, feed the content id, and return where the body ends."""
-        at = HEAD_BYTES
+    def place(self, at: int, identity: Any) -> int:
+        """Set every offset and CRC from the head's end on, feed the content id; the body's end."""
         for kind, i in self.steps():
             if kind == "payloads":
                 self.begins[i] = at
@@ -209,7 +207,10 @@ class _Layout:
         """Place everything, and return the complete head."""
         settings = canonical_settings(header.pack(), self.columns)
         identity = blake2b(settings, digest_size=CONTENT_ID_BYTES)
-        end = self.place(identity)
+        records = self.tables if len(self.tables) else self.pages
+        lengths = (header.levels, len(self.columns), len(records))
+        head_bytes = head_length(*lengths, meta_bytes(meta), len(extra))
+        end = self.place(head_bytes, identity)
         levels = self.level_table(header)
         sections = []
         for kind, body in extra:
@@ -218,17 +219,19 @@ class _Layout:
         opening = 0
         if len(self.pages):
             entries, _, _ = self.entries(0)
-            opening = opening_bytes(entries, self.columns, int(self.begins[0]), levels["blocks"])
+            before = int(self.begins[0]) - head_bytes
+            opening = opening_bytes(entries, self.columns, before, levels["blocks"])
         return Head(
             header,
             self.columns,
             levels,
-            self.tables if len(self.tables) else self.pages,
+            records,
             meta,
             blocks=len(self.rows),
             pages=len(self.pages),
             opening_bytes=opening,
             depth=2 if len(self.tables) else 1,
+            head_bytes=head_bytes,
             file_bytes=end + TAIL_BYTES,
             content_id=identity.digest(),
             sections=tuple(sections),

@@ -1,10 +1,9 @@
-"""The head (first 64 KiB) and the tail (last 64 bytes) of a block file: fields <-> bytes.
+"""The head (at most 64 KiB) and the tail (64 bytes) of a block file: fields <-> bytes.
 
 Here: packing, parsing, and every check that needs the head alone. Not here: the directory's pages,
 payloads, files. Layout: spec/blockfile.md, sections 3, 4 and 9.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -14,12 +13,13 @@ from typing import Any, Final, NoReturn
 import numpy as np
 
 from gstream.errors import CorruptFileError, UnsupportedError
+from gstream.formats.blockmeta import meta_bytes, parse_metadata
 from gstream.formats.columns import ColumnSpec, column_specs
 from gstream.formats.directory import (
     COLUMN_DTYPE,
-    HEAD_BYTES,
     LEVEL_DTYPE,
     MAX_COLUMNS,
+    MAX_HEAD_BYTES,
     PAGE_DTYPE,
     RECORD_BYTES,
     TAIL_BYTES,
@@ -36,9 +36,9 @@ VERSION: Final = 1
 MAX_LEVELS: Final = 17
 MAX_BLOCKS: Final = 1 << 24
 MAX_SECTIONS: Final = 16
-MAX_META_BYTES: Final = 12 << 10
 PAGE_CAPACITY: Final = 1400  # page records in the head; above, the head lists table pages
 FIRST_SECTION: Final = 256  # the section table
+CRC_BYTES: Final = 4
 SETTINGS: Final = slice(56, 216)  # what the content id covers of the fixed fields
 HEAD_SECTIONS: Final = (b"LEVL", b"COLM", b"PAGE", b"META")
 CRITICAL: Final = 1
@@ -104,7 +104,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Head:
-    """Everything that stands in the first 64 KiB."""
+    """Everything that stands at the beginning of the file."""
 
     settings: BlockFileHeader
     columns: tuple[ColumnSpec, ...]
@@ -115,24 +115,29 @@ class Head:
     pages: int
     opening_bytes: int
     depth: int = 1
+    head_bytes: int = 0
     file_bytes: int = 0
     content_id: bytes = bytes(16)
     sections: tuple[Section, ...] = ()  # those outside the head
     read_only_features: int = 0
     crc: int = 0
 
+    @property
+    def body(self) -> tuple[int, int]:
+        """Where pages and payloads may lie: from the first byte, up to the second."""
+        behind = sum(section.length for section in self.sections)
+        return self.head_bytes, self.file_bytes - TAIL_BYTES - behind
 
-def meta_bytes(metadata: Mapping[str, Any]) -> bytes:
-    """The META section: UTF-8 JSON with sorted keys and no white space."""
-    text = json.dumps(
-        metadata, sort_keys=True, ensure_ascii=False, separators=(",", ":"), allow_nan=False
-    )
-    return text.encode()
+
+def head_length(levels: int, columns: int, records: int, meta: bytes, sections: int) -> int:
+    """Bytes of a head with so many rows in its tables; sections : those outside the head."""
+    rows = len(HEAD_SECTIONS) + sections + levels + columns + records
+    return FIRST_SECTION + rows * RECORD_BYTES + len(meta) + CRC_BYTES
 
 
 def pack_head(head: Head) -> bytes:
-    """The 65 536 bytes of the head; the caller has checked the limits."""
-    identity = (BLOCK_MAGIC, VERSION, VERSION, 0, head.read_only_features, 0, 0)
+    """The bytes of the head; the caller has checked the limits."""
+    identity = (BLOCK_MAGIC, VERSION, VERSION, 0, head.read_only_features, 0, head.head_bytes)
     bodies = (
         head.levels.tobytes(),
         pack_columns(head.columns),
@@ -150,7 +155,7 @@ def pack_head(head: Head) -> bytes:
     for section in head.sections:
         place = (section.offset, section.length, section.crc)
         fixed += _SECTION.pack(section.type, int(section.critical), *place)
-    data = (fixed + b"".join(bodies)).ljust(HEAD_BYTES - 4, b"\0")
+    data = fixed + b"".join(bodies)
     return data + crc32(data).to_bytes(4, "little")
 
 
@@ -168,13 +173,15 @@ def check_tail(data: bytes, head: Head, path: str) -> None:
 
 
 def parse_head(data: bytes, path: str) -> Head:
-    """Parse and check the first 64 KiB.
+    """Parse and check the head.
 
+    data : the first 64 KiB of the file, or all of a smaller one
     errors : CorruptFileError GSB-01.. and GSB-02..; UnsupportedError for a newer version, or for
     an incompatible feature or a critical section that is unknown
     """
-    _check_identity(data, path)
+    data = _identified(data, path)
     *_, read_only, _, _, file_bytes, content_id = _IDENTITY.unpack_from(data)
+    body = len(data), file_bytes - TAIL_BYTES
     blocks, opening_bytes, pages, depth, columns, sections = _COUNTS.unpack_from(
         data, SETTINGS.stop
     )
@@ -185,36 +192,42 @@ def parse_head(data: bytes, path: str) -> Head:
     inside, outside = _parse_sections(data, sections, file_bytes, path)
     specs = _parse_columns(inside[b"COLM"], columns, settings, path)
     levels = _parse_levels(inside[b"LEVL"], settings, blocks, path)
-    table = _parse_page_table(inside[b"PAGE"], blocks, pages, depth, file_bytes, path)
-    metadata = _parse_metadata(inside[b"META"][1], inside[b"META"][0], path)
-    if opening_bytes > max(0, file_bytes - HEAD_BYTES - TAIL_BYTES):
+    table = _parse_page_table(inside[b"PAGE"], (blocks, pages, depth), body, path)
+    metadata = parse_metadata(inside[b"META"][1], inside[b"META"][0], path)
+    if opening_bytes > body[1] - body[0]:
         raise CorruptFileError("GSB-0310", path, 224, "the opening run reaches beyond the body")
     crc = int.from_bytes(data[-4:], "little")
     return Head(
         settings, specs, levels, table, metadata, blocks, pages, opening_bytes, depth,
-        file_bytes, content_id, outside, read_only, crc,
+        len(data), file_bytes, content_id, outside, read_only, crc,
     )  # fmt: skip
 
 
-def _check_identity(data: bytes, path: str) -> None:
+def _identified(data: bytes, path: str) -> bytes:
+    """The head's bytes out of the file's first 64 KiB, once magic, CRC and version are checked."""
     if data[:12] != BLOCK_MAGIC:
         raise CorruptFileError("GSB-0101", path, 0, "this is no block file: the magic is missing")
-    if len(data) < HEAD_BYTES:
-        raise CorruptFileError(
-            "GSB-0102", path, len(data), "the file ends inside its head: truncated"
-        )
-    if crc32(data[:-4]) != int.from_bytes(data[-4:], "little"):
-        raise CorruptFileError("GSB-0103", path, HEAD_BYTES - 4, "the head does not match its CRC")
-    _, needs, _, incompatible, _, _, zero, file_bytes, _ = _IDENTITY.unpack_from(data)
+    length = int.from_bytes(data[28:32], "little")
+    if not FIRST_SECTION <= length <= MAX_HEAD_BYTES:
+        said = f"a head of {length} bytes is outside {FIRST_SECTION} to {MAX_HEAD_BYTES}"
+        raise CorruptFileError("GSB-0103", path, 28, said)
+    if len(data) < length:
+        said = "the file ends inside its head: truncated"
+        raise CorruptFileError("GSB-0102", path, len(data), said)
+    data = data[:length]
+    if crc32(data[:-CRC_BYTES]) != int.from_bytes(data[-CRC_BYTES:], "little"):
+        said = "the head does not match its CRC"
+        raise CorruptFileError("GSB-0103", path, length - CRC_BYTES, said)
+    _, needs, _, incompatible, _, _, _, file_bytes, _ = _IDENTITY.unpack_from(data)
     if needs > VERSION or incompatible:
         said = f"needs a reader of version {needs} with features {incompatible:#x}"
         raise UnsupportedError(path, said, f"this release reads version {VERSION}; upgrade gstream")
-    if zero or any(data[69:72]) or any(data[239:256]):
-        raise CorruptFileError("GSB-0104", path, 28, "reserved bytes of the head are not zero")
-    if file_bytes < HEAD_BYTES + TAIL_BYTES:
-        raise CorruptFileError(
-            "GSB-0102", path, 32, f"a length of {file_bytes} bytes cannot be: truncated"
-        )
+    if any(data[69:72]) or any(data[239:256]):
+        raise CorruptFileError("GSB-0104", path, 69, "reserved bytes of the head are not zero")
+    if file_bytes < length + TAIL_BYTES:
+        said = f"a length of {file_bytes} bytes cannot be: truncated"
+        raise CorruptFileError("GSB-0102", path, 32, said)
+    return data
 
 
 def _name(names: Mapping[str, int], code: int, what: str, at: int, path: str) -> str:
@@ -273,42 +286,38 @@ def _parse_sections(
     def refuse(at: int, said: str) -> NoReturn:
         raise CorruptFileError("GSB-0201", path, at, said)
 
-    if not len(HEAD_SECTIONS) <= count <= MAX_SECTIONS:
+    first, end = FIRST_SECTION + count * RECORD_BYTES, len(data) - CRC_BYTES
+    if not len(HEAD_SECTIONS) <= count <= MAX_SECTIONS or first > end:
         refuse(238, f"{count} sections are outside {len(HEAD_SECTIONS)} to {MAX_SECTIONS}")
+    rows = [_parse_section(data, i, path) for i in range(count)]
     inside: dict[bytes, tuple[int, bytes]] = {}
-    outside: list[Section] = []
-    at = FIRST_SECTION + count * RECORD_BYTES
-    for i in range(count):
-        place = FIRST_SECTION + i * RECORD_BYTES
-        kind, flags, offset, length, crc = _SECTION.unpack_from(data, place)
-        if any(data[place + 28 : place + 32]) or flags & ~CRITICAL:
-            raise CorruptFileError(
-                "GSB-0104", path, place, "reserved bits of a section are not zero"
-            )
-        if i < len(HEAD_SECTIONS):
-            if kind != HEAD_SECTIONS[i] or offset != at or length > HEAD_BYTES - 4 - at or crc:
-                refuse(
-                    place,
-                    f"section {i} must be {HEAD_SECTIONS[i].decode()} at byte {at} of the head",
-                )
-            inside[kind] = (offset, data[at : at + length])
-            at += length
-        elif flags & CRITICAL:
-            said = f"section {kind.decode('ascii', 'replace')!r} is critical and unknown"
+    for kind, row in zip(HEAD_SECTIONS, rows, strict=False):
+        if row != Section(kind, True, first, row.length) or row.length > end - first:
+            refuse(first, f"section {kind.decode()} must stand at byte {first} of the head")
+        inside[kind] = (first, data[first : first + row.length])
+        first += row.length
+    if first != end:
+        refuse(first, f"the head's last section ends here, not at byte {end}")
+    outside = tuple(rows[len(HEAD_SECTIONS) :])
+    first = file_bytes - TAIL_BYTES - sum(row.length for row in outside)
+    if first < len(data):
+        refuse(FIRST_SECTION, "the sections behind the body are longer than the file")
+    for row in outside:
+        if row.critical:
+            said = f"section {row.type.decode('ascii', 'replace')!r} is critical and unknown"
             raise UnsupportedError(path, said, "upgrade gstream")
-        else:
-            outside.append(Section(kind, False, offset, length, crc))
-    if data[at : HEAD_BYTES - 4].strip(b"\0"):
-        raise CorruptFileError(
-            "GSB-0104", path, at, "bytes behind the head's last section are not zero"
-        )
-    end = file_bytes - TAIL_BYTES - sum(section.length for section in outside)
-    for i, section in enumerate(outside):
-        if section.offset != end or end < HEAD_BYTES:
-            place = FIRST_SECTION + (len(HEAD_SECTIONS) + i) * RECORD_BYTES
-            refuse(place, "the sections behind the body do not end where the tail begins")
-        end += section.length
-    return inside, tuple(outside)
+        if row.offset != first:
+            refuse(FIRST_SECTION, "the sections behind the body do not end where the tail begins")
+        first += row.length
+    return inside, outside
+
+
+def _parse_section(data: bytes, number: int, path: str) -> Section:
+    at = FIRST_SECTION + number * RECORD_BYTES
+    kind, flags, offset, length, crc = _SECTION.unpack_from(data, at)
+    if any(data[at + 28 : at + 32]) or flags & ~CRITICAL:
+        raise CorruptFileError("GSB-0104", path, at, "reserved bits of a section are not zero")
+    return Section(kind, bool(flags & CRITICAL), offset, length, crc)
 
 
 def _parse_columns(
@@ -356,34 +365,15 @@ def _parse_levels(
 
 
 def _parse_page_table(
-    section: tuple[int, bytes], blocks: int, pages: int, depth: int, file_bytes: int, path: str
+    section: tuple[int, bytes], counts: tuple[int, int, int], body: tuple[int, int], path: str
 ) -> Rows:
+    """counts : blocks, pages, depth; body : where pages may lie."""
     at, table = section
+    blocks, pages, depth = counts
     records = pages if depth == 1 else len(table) // RECORD_BYTES
     if len(table) != records * RECORD_BYTES or records > PAGE_CAPACITY:
         said = f"{len(table)} bytes are no table of {pages} pages"
         raise CorruptFileError("GSB-0206", path, at, said)
     rows = np.frombuffer(table, PAGE_DTYPE)
-    check_page_table(rows, blocks if depth == 1 else pages, file_bytes, path, at)
+    check_page_table(rows, blocks if depth == 1 else pages, body, path, at)
     return rows
-
-
-def _refuse_constant(text: str) -> NoReturn:
-    raise ValueError(f"{text} is no JSON")
-
-
-def _parse_metadata(data: bytes, at: int, path: str) -> dict[str, Any]:
-    """The META object; units, up and crs are strings or null, the ledger is an object."""
-    metadata: Any = None
-    if len(data) <= MAX_META_BYTES:
-        try:
-            metadata = json.loads(data.decode(), parse_constant=_refuse_constant)
-        except (ValueError, RecursionError) as error:
-            raise CorruptFileError("GSB-0205", path, at, "the metadata is no UTF-8 JSON") from error
-    if not isinstance(metadata, dict) or not isinstance(metadata.get("ledger"), dict):
-        said = f"the metadata is no JSON object of at most {MAX_META_BYTES} bytes with a ledger"
-        raise CorruptFileError("GSB-0205", path, at, said)
-    for name in ("units", "up", "crs"):
-        if not isinstance(metadata.get(name), str | None):
-            raise CorruptFileError("GSB-0205", path, at, f"{name} is neither a string nor null")
-    return metadata

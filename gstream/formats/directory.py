@@ -16,7 +16,7 @@ from gstream.formats.columns import ColumnSpec, column_specs
 
 Rows = NDArray[Any]  # structured, dtype entry_dtype(...) or pile_dtype(...)
 
-HEAD_BYTES: Final = 65_536
+MAX_HEAD_BYTES: Final = 65_536
 TAIL_BYTES: Final = 64
 OPENING_BYTES: Final = 4 << 20  # what the opening run should not exceed
 ENTRY_BYTES: Final = 24  # without its column records
@@ -169,28 +169,31 @@ def payload_offsets(
 
 
 def opening_bytes(
-    entries: Rows, columns: Sequence[ColumnSpec], begin: int, blocks: NDArray[np.uint64]
+    entries: Rows, columns: Sequence[ColumnSpec], before: int, blocks: NDArray[np.uint64]
 ) -> int:
     """Length of the opening run, from the head's end through the coarsest levels' payloads.
 
-    entries : page 0; begin : offset of its first payload; blocks : of each level, level 0 first
+    entries : page 0; blocks : of each level, level 0 first
+    before : bytes between the head and the first payload
     It ends behind the last level that page 0 lists whole and that ends within 4 MiB, or else
     behind what page 0 lists of the coarsest level.
     """
     stored = stacked(entries, columns, "stored").sum(axis=1, dtype=np.int64)
-    end, opening = begin, 0
+    end, opening = before, 0
     for level in range(int(entries["level"][0]), -1, -1):
         here = entries["level"] == level
         end += int(stored[here].sum())
         whole = int(here.sum()) == int(blocks[level])
-        if not opening or (whole and end - HEAD_BYTES <= OPENING_BYTES):
-            opening = end - HEAD_BYTES
+        if not opening or (whole and end <= OPENING_BYTES):
+            opening = end
         else:
             break
     return opening
 
 
-def check_page_table(rows: Rows, total: int | None, file_bytes: int, path: str, at: int) -> None:
+def check_page_table(
+    rows: Rows, total: int | None, body: tuple[int, int], path: str, at: int
+) -> None:
     """Refuse page records that do not add up to `total` rows or leave the file (GSB-0206)."""
     count = rows["count"].astype(np.int64)
     if total is not None and count.sum() != total:
@@ -200,6 +203,6 @@ def check_page_table(rows: Rows, total: int | None, file_bytes: int, path: str, 
         said = f"a page record does not hold 1 to {PAGE_ENTRIES} rows, or its zeros are none"
         raise CorruptFileError("GSB-0206", path, at, said)
     offset, length = rows["offset"], rows["length"].astype(np.uint64)
-    last = np.uint64(max(0, file_bytes - TAIL_BYTES))
-    if (offset < HEAD_BYTES).any() or (offset > last).any() or (length > last - offset).any():
+    first, last = np.uint64(body[0]), np.uint64(body[1])
+    if (offset < first).any() or (offset > last).any() or (length > last - offset).any():
         raise CorruptFileError("GSB-0206", path, at, "a page record points outside the body")

@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 from gstream.errors import CorruptFileError
 from gstream.formats.blockhead import Head
 from gstream.formats.directory import (
-    HEAD_BYTES,
     PAGE_DTYPE,
     RECORD_BYTES,
     STATE_DATA,
     STATE_EMPTY,
-    TAIL_BYTES,
     Rows,
     check_page_table,
     entry_dtype,
@@ -67,7 +65,7 @@ class Directory:
             count, offset = int(record["count"]), int(record["offset"])
             data = self._checked(record, count * RECORD_BYTES, "GSB-0207", "table page")
             rows = np.frombuffer(data, PAGE_DTYPE)
-            check_page_table(rows, None, self._head.file_bytes, self._path, offset)
+            check_page_table(rows, None, self._head.body, self._path, offset)
             if rows[["level", "key"]][0] != record[["level", "key"]]:
                 said = "the table page does not begin with the key that the head states"
                 raise CorruptFileError("GSB-0207", self._path, offset, said)
@@ -182,7 +180,7 @@ def check_entries(rows: Rows, head: Head, path: str, at: int) -> None:
         filled |= stacked(rows, head.columns, field).any(axis=1)
     refuse("GSB-0308", empty & filled, "is empty and yet has voxels, bounds or columns")
     for column in head.columns:
-        bad = ~empty & _impossible(rows[column.name], head.file_bytes)
+        bad = ~empty & _impossible(rows[column.name], head.body)
         refuse("GSB-0311", bad, f"has an impossible record of column {column.name}")
 
 
@@ -192,7 +190,7 @@ def blocks_per_axis(head: Head, level: NDArray[Any]) -> NDArray[np.int64]:
     return -(-head.settings.resolution // (np.int64(1) << shift))
 
 
-def _impossible(record: Rows, file_bytes: int) -> NDArray[np.bool_]:
+def _impossible(record: Rows, body: tuple[int, int]) -> NDArray[np.bool_]:
     """Column records that no writer makes, whatever the stored bytes are; unknown codecs pass."""
     stored, raw = record["stored"].astype(np.int64), record["raw"].astype(np.int64)
     codec, offset = record["codec"], record["offset"]
@@ -201,7 +199,7 @@ def _impossible(record: Rows, file_bytes: int) -> NDArray[np.bool_]:
     bad |= constant & (stored != 0)
     compressed = (codec == CODEC_RAW) | (codec == CODEC_LZ4)
     bad |= compressed & ((stored == 0) | (record["constant"] != 0))
-    last = np.uint64(file_bytes - TAIL_BYTES)
-    outside = (offset < HEAD_BYTES) | (offset > last) | (record["stored"] > last - offset)
+    first, last = np.uint64(body[0]), np.uint64(body[1])
+    outside = (offset < first) | (offset > last) | (record["stored"] > last - offset)
     impossible: NDArray[np.bool_] = bad | ((stored != 0) & outside)
     return impossible

@@ -13,7 +13,6 @@ from gstream.formats.blockfile import write_block_file
 from gstream.formats.blockhead import BlockFileHeader, pack_head, parse_head
 from gstream.formats.columns import column_specs
 from gstream.formats.directory import (
-    HEAD_BYTES,
     OPENING_BYTES,
     entry_dtype,
     entry_order,
@@ -45,10 +44,7 @@ def test_settings_come_back_from_the_head():
     for changes in ({}, {"sep": "26", "ties": "closed"}, {"faces": "both", "normals": "input"}):
         scene = random_scene()
         header = replace(scene.header, **changes)
-        assert (
-            parse_head(file_bytes(replace(scene, header=header))[:HEAD_BYTES], "x").settings
-            == header
-        )
+        assert parse_head(file_bytes(replace(scene, header=header)), "x").settings == header
 
 
 @pytest.mark.parametrize("given", [{}, {"crs": None}, {"crs": "EPSG:4978", "up": "z"}])
@@ -168,13 +164,13 @@ def test_payloads_go_group_by_group_then_column_by_column_then_child_by_child():
 @pytest.mark.parametrize(("fine", "wanted"), [(1000, 2 + 2 * 1000), (OPENING_BYTES, 2)])
 def test_the_opening_run_ends_behind_the_last_level_that_fits(fine, wanted):
     rows = np.concatenate([rows_with([0], 1), rows_with([0, 1], 0, (fine // 2, fine // 2))])
-    length = opening_bytes(rows, COLUMNS, HEAD_BYTES + 88 * 3, np.array([2, 1], np.uint64))
+    length = opening_bytes(rows, COLUMNS, 88 * 3, np.array([2, 1], np.uint64))
     assert length == 88 * 3 + wanted
 
 
 def test_the_opening_run_leaves_out_a_level_that_page_0_does_not_list_whole():
     rows = np.concatenate([rows_with([0], 1), rows_with([0, 1], 0)])
-    assert opening_bytes(rows, COLUMNS, HEAD_BYTES, np.array([3, 1], np.uint64)) == 2
+    assert opening_bytes(rows, COLUMNS, 0, np.array([3, 1], np.uint64)) == 2
 
 
 @pytest.mark.parametrize("paging", [Paging(), Paging(8), Paging(8, 4, 5), Paging(64, 1, 1)])
@@ -197,7 +193,7 @@ def test_any_block_is_reached_by_two_more_requests_at_depth_1_and_three_at_depth
             requests.append(offset)
             return data[offset : offset + length]
 
-        directory = Directory(parse_head(data[:HEAD_BYTES], "x"), read_at, "x")
+        directory = Directory(parse_head(data, "x"), read_at, "x")
         assert directory.find(0, max(k for level, k in scene.blocks if level == 0)) is not None
         assert len(requests) == wanted
 
@@ -208,5 +204,6 @@ def test_entry_rows_are_24_bytes_and_32_per_column():
 
 
 def test_packing_what_was_parsed_gives_the_same_head():
-    data = file_bytes(random_scene(), meta={"up": "z"})[:HEAD_BYTES]
-    assert pack_head(parse_head(data, "x")) == data
+    data = file_bytes(random_scene(), meta={"up": "z"})
+    head = parse_head(data, "x")
+    assert pack_head(head) == data[: head.head_bytes]

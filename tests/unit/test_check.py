@@ -23,7 +23,6 @@ from gstream.formats.framing import CODEC_CONSTANT, CODEC_LZ4, CODEC_RAW
 from gstream.formats.pages import Directory
 from gstream.read import open_block_file
 
-HEAD = 65_536
 SPEC = Path(__file__).parents[2] / "spec" / "blockfile.md"
 SECTION = Struct("<4sIQQI4x")
 
@@ -33,6 +32,7 @@ class Patch:
 
     def __init__(self, data: bytes) -> None:
         self.data = bytearray(data)
+        self.head = int.from_bytes(data[28:32], "little")
         self.columns = open_block_file(data).head.columns
         self.sections = {}
         for i in range(data[238]):
@@ -75,8 +75,8 @@ class Patch:
             for record in self.page_records:
                 at, length = int(record[2]), int(record[3] & 0xFFFFFFFF)
                 record[3] = length | crc32(self.data[at : at + length]) << 32
-        head = crc32(self.data[: HEAD - 4])
-        self.at(HEAD - 4, head.to_bytes(4, "little"))
+        head = crc32(self.data[: self.head - 4])
+        self.at(self.head - 4, head.to_bytes(4, "little"))
         tail = len(self.data) - 64
         self.at(tail + 12, self.data[32:40]).at(tail + 20, self.data[40:56])
         self.at(tail + 36, head.to_bytes(4, "little"))
@@ -186,6 +186,11 @@ def renamed_column() -> bytes:
     return made.at(made.sections["COLM"][0] + 32 + 8, b"musk").sealed()
 
 
+def damaged_table_page() -> bytes:
+    made = Patch(tiny_file(paging=Paging(8, 1, 1)))
+    return bytes(made.flip(made.head + 9).data)
+
+
 def broken_metadata() -> bytes:
     made = patch()
     return made.at(made.sections["META"][0], b"[").sealed()
@@ -205,7 +210,7 @@ DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0101": lambda: bytes(patch().flip(1).data),
     "GSB-0102": lambda: bytes(patch().flip(-20).data),
     "GSB-0103": lambda: bytes(patch().flip(60).data),
-    "GSB-0104": lambda: patch().at(28, b"\1").sealed(),
+    "GSB-0104": lambda: patch().at(69, b"\1").sealed(),
     "GSB-0105": lambda: patch().at(56, bytes(4)).sealed(),
     "GSB-0106": lambda: patch().at(72, np.float64(np.nan).tobytes()).sealed(),
     "GSB-0201": section_place,
@@ -214,8 +219,8 @@ DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0204": renamed_column,
     "GSB-0205": broken_metadata,
     "GSB-0206": no_rows_in_page,
-    "GSB-0207": lambda: bytes(Patch(tiny_file(paging=Paging(8, 1, 1))).flip(HEAD + 9).data),
-    "GSB-0301": lambda: bytes(patch().flip(HEAD + 30).data),
+    "GSB-0207": damaged_table_page,
+    "GSB-0301": lambda: bytes(patch().flip(patch().head + 30).data),
     "GSB-0302": other_first_key,
     "GSB-0303": lambda: patch().entry(2, "key", 0).entry(1, "key", 7).sealed(),
     "GSB-0304": split_group,
@@ -226,7 +231,7 @@ DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0309": lambda: patch().entry(1, "zero", 1).sealed(),
     "GSB-0310": lambda: patch().at(224, b"\1").sealed(),
     "GSB-0311": lambda: patch().entry(1, "codec", CODEC_CONSTANT, "occupancy").sealed(),
-    "GSB-0312": lambda: patch().entry(1, "offset", HEAD + 64, "occupancy").sealed(),
+    "GSB-0312": lambda: patch().entry(1, "offset", patch().head + 64, "occupancy").sealed(),
     "GSB-0401": lambda: with_column("weight", 1, data=b"\xff\xff\xff", codec=CODEC_LZ4),
     "GSB-0402": lambda: with_column("weight", 1, raw_bytes=5),
     "GSB-0403": lambda: with_column(
@@ -341,29 +346,17 @@ def caught(data: bytes, quick: bool = False) -> bool:
         return True
 
 
-def test_every_single_bit_flip_of_the_body_and_tail_is_found():
+def test_every_single_bit_flip_is_found():
     data = smallest_file()
-    for bit in range(8 * HEAD, 8 * len(data)):
+    for bit in range(8 * len(data)):
         damaged = bytearray(data)
         damaged[bit // 8] ^= 1 << bit % 8
         assert caught(bytes(damaged)), f"bit {bit}"
 
 
-def test_every_single_bit_flip_of_the_head_is_found():
-    data = tiny_file()
-    for bit in [
-        *range(8 * 1024),
-        *range(8 * 1024, 8 * HEAD, 1009),
-        *range(8 * HEAD - 64, 8 * HEAD),
-    ]:
-        damaged = bytearray(data)
-        damaged[bit // 8] ^= 1 << bit % 8
-        assert caught(bytes(damaged), quick=True), f"bit {bit}"
-
-
 def test_every_truncation_is_found():
     data = smallest_file()
-    for size in [*range(0, HEAD, 4999), *range(HEAD - 8, len(data))]:
+    for size in range(len(data)):
         assert caught(data[:size], quick=True), f"{size} bytes"
     assert caught(data + b"\0", quick=True)
 
@@ -371,7 +364,7 @@ def test_every_truncation_is_found():
 def test_random_bytes_with_right_crcs_raise_only_gstream_errors():
     rng = np.random.default_rng(11)
     made = patch()
-    spots = [*range(12, 256), *range(256, 1024), *range(HEAD, HEAD + len(made.entries.tobytes()))]
+    spots = range(12, made.head + len(made.entries.tobytes()))
     for _ in range(200):
         made = patch()
         for spot in rng.choice(spots, 3):
