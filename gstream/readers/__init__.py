@@ -96,7 +96,8 @@ def sniff(path: Path, name: str, suffix: str) -> str:
 
 def _stl(head: bytes, size: int, suffix: str) -> str | None:
     """Binary when the size is 84 + 50 n, even after 'solid'; exporters write that word in both."""
-    promised = stl.HEAD + stl.RECORD * stl.promised_triangles(head)
+    count = stl.promised_triangles(head)
+    promised = stl.HEAD + stl.RECORD * count if count >= 0 else -1
     if size == promised and (suffix not in (".obj", ".off") or b"\0" in head):
         return "stl binary"
     if _solid(head):

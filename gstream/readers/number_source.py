@@ -78,7 +78,7 @@ class TextNumbers:
         return self.blocks.text[self.starts[i] : end].tobytes().split()[0].split(b"#")[0]
 
     def place(self, at: int) -> str:
-        here = int(self.starts[at]) if at < self._count else self.blocks.stop
+        here = int(self.starts[at]) if at < self._count else self.blocks.last()
         return f"line {self.blocks.line_of(here)}"
 
     def said(self, at: int) -> str:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from gstream.errors import InputError
 from gstream.kernels import records as kernel
+from gstream.kernels.text import REAL_TOKEN
 from gstream.readers.mesh import DiskArray, Mesh
 from gstream.readers.number_source import BinaryNumbers, NumberSource, TextNumbers
 from gstream.readers.ply_columns import Table
@@ -64,12 +65,12 @@ def open_off(path: Path, name: str, spill: Spill) -> Mesh:
 
 def _text(file: BinaryIO, kind: _Kind, name: str, line: int, size: int, spill: Spill) -> Mesh:
     source = TextNumbers(TextBlocks(file, name, line), hashes=True)
-    vertices, faces = _counts(source, name)
+    vertices, faces, place = _counts(source, name)
     if 6 * vertices + 4 * faces > size:
         said = (
             f"the header promises {vertices} vertices and {faces} faces, too many for {size} bytes"
         )
-        raise InputError(name, f"line {line}", said, "copy the file again")
+        raise InputError(name, place, said, "copy the file again")
     positions = Column(spill("positions"), "<f8", 3)
     normals = Column(spill("normals"), "<f4", 3) if kind.normals else None
     colours = Column(spill("colours"), "|u1", 4) if kind.colours else None
@@ -97,16 +98,17 @@ def _text(file: BinaryIO, kind: _Kind, name: str, line: int, size: int, spill: S
     return _faces(source, plan, name, found, spill, notes)
 
 
-def _counts(source: TextNumbers, name: str) -> tuple[int, int]:
-    """Vertices and faces; the edges that follow on the line are not trusted, nor needed."""
+def _counts(source: TextNumbers, name: str) -> tuple[int, int, str]:
+    """Vertices, faces, and where they stand; the edges after them are not needed."""
     roles = (kernel.SCALAR, kernel.SCALAR, kernel.REST_OF_LINE)
     for batch in walk(source, Plan("header", 1, roles, (0, 1, 2), 2 + EXTRA, 0), name):
         if len(batch.captured):
             counts = batch.captured[0, :2]
-            if not all(0 <= c < 2**53 and c == int(c) for c in counts):
+            place = source.place(source.at - 1)
+            if not all(0 <= c < 2**63 and c == int(c) for c in counts):
                 said = f"{counts[0]:g} vertices and {counts[1]:g} faces are no counts"
-                raise InputError(name, source.place(source.at - 1), said, REMEDY)
-            return int(counts[0]), int(counts[1])
+                raise InputError(name, place, said, REMEDY)
+            return int(counts[0]), int(counts[1]), place
     raise InputError(name, "", "has no counts of vertices and faces", REMEDY)
 
 
@@ -184,6 +186,7 @@ def _binary(path: Path, file: BinaryIO, kind: _Kind, name: str, spill: Spill) ->
     start = at + 12 + vertices * element.smallest
     file.seek(start)
     source = BinaryNumbers(file, name, order)
+    source.flags[:] = REAL_TOKEN  # colours are floats
     plain = size - start == 16 * faces
     record = (FACE_RECORD,) if plain else (FACE_RECORD, COLOUR_RECORD)
     source.begin(Element("face", faces, record))

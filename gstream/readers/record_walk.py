@@ -48,7 +48,8 @@ def walk(source: NumberSource, plan: Plan, name: str) -> Iterator[Batch]:
     code = kernel.MORE_NUMBERS
     while code != kernel.ALL_RECORDS:
         if source.at == source.stop and not source.refill():
-            what = f"{plan.what} {state[kernel.RECORD]} of {plan.rows}"
+            which = f"{plan.what} {state[kernel.RECORD]} of {plan.rows}"
+            what = which if plan.rows > 1 else f"the {plan.what}"
             said = f"the file ends inside {what}"
             raise InputError(
                 name, source.place(source.stop), said, "copy it again, or export it again"

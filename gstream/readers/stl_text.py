@@ -1,5 +1,6 @@
 """ASCII STL, spilled as a soup of f8 corners."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from gstream.readers.mesh import DiskArray, Mesh
 from gstream.readers.scratch import Column, Spill
 from gstream.readers.text_blocks import TextBlocks
 
+TAIL = 4096  # bytes that hold the last line
 FACETS = 1 << 13  # facets per batch
 REMEDY = "correct the line, or export the STL file again"
 
@@ -31,11 +33,19 @@ def open_text(path: Path, name: str, spill: Spill) -> Mesh:
             column.append(corners[:count])
             more = blocks.use(used)
         rest = blocks.text[used : blocks.stop].tobytes()
-        if rest.strip():
-            raise blocks.error(blocks.stop - 1, "the file ends inside a facet", "copy it again")
+        inside = "inside a facet" if rest.strip() else "without endsolid"
+        if rest.strip() or not _is_closed(path):
+            raise blocks.error(blocks.last(), f"the file ends {inside}", "copy it again")
     soup = column.close()
     positions = DiskArray(soup.path, 0, soup.dtype, (soup.shape[0], 3, 3), (72, 24, 8))
     return Mesh(name, positions, None, soup.shape[0], faces=soup.shape[0])
+
+
+def _is_closed(path: Path) -> bool:
+    """Whether the last line is an endsolid: a file cut between two facets shows it nowhere else."""
+    with open(path, "rb") as file:
+        file.seek(max(0, path.stat().st_size - TAIL))
+        return re.search(rb"end[ \t]*solid[^\r\n]*\s*\Z", file.read(), re.IGNORECASE) is not None
 
 
 def _wrong(blocks: TextBlocks, code: int, at: int) -> InputError:

@@ -14,7 +14,8 @@ LONGEST = 64 << 20  # bytes that one line or facet may take
 class TextBlocks:
     """A window `text[:stop]` on an open file; `use(n)` drops bytes from its front and reads on.
 
-    A line feed is added to the end of the file, so that every line, also a joined one, has an end.
+    Two line feeds are added to the end of the file, so that every line has an end, also one that
+    a backslash before a return would join to the next.
     """
 
     def __init__(self, file: BinaryIO, name: str, first_line: int = 1) -> None:
@@ -45,6 +46,10 @@ class TextBlocks:
     def line_of(self, at: int) -> int:
         """The line number, from 1, of byte `at` of the window."""
         return self.line + self._line_ends(at)
+
+    def last(self) -> int:
+        """The byte after the last one of the window that is no white space."""
+        return len(self.text[: self.stop].tobytes().rstrip())
 
     def token(self, at: int) -> str:
         """The token at byte `at`, printable and short enough for an error."""
@@ -82,7 +87,5 @@ class TextBlocks:
             self.stop += read
         if self.ended and not self._closed:
             self._closed = True
-            if self.stop == len(self.text):
-                self.text = np.append(self.text, np.uint8(0))
-            self.text[self.stop] = 10
-            self.stop += 1
+            self.text = np.append(self.text[: self.stop], np.array([10, 10], np.uint8))
+            self.stop += 2
