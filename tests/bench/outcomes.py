@@ -50,7 +50,7 @@ def attempt(mesh: Path, label: str, arguments: argparse.Namespace, folder: Path)
     faults += _leftovers(folder)
     if faults:
         return Outcome(label, "BAD", "; ".join(faults))
-    voxels, read = held["levels"][0]["voxels"], held["ledger"].get("read", "?")
+    voxels, read = held["levels"][0]["voxels"], held["ledger"]["triangles"]
     lost = ", ".join(
         f"{name} {count:,}"
         for name, count in held["ledger"].items()
