@@ -9,15 +9,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from small_block_files import ALL, IDENTITY, Paging, Scene, file_bytes, random_scene
+from damaged_block_files import smallest_scene
+from small_block_files import ALL, Paging, Scene, file_bytes, random_scene
 
 from gstream.blockcheck import iter_findings
 from gstream.formats import blockhead, directory, lodrule
-from gstream.formats.blockhead import BlockFileHeader
 from gstream.formats.blockmeta import MAX_META_BYTES
-from gstream.formats.columns import Block
 from gstream.formats.morton import encode_morton
+from gstream.read import open_block_file
 
+VECTORS = Path(__file__).parents[2] / "spec" / "vectors" / "good"
 SPEC = (Path(__file__).parents[2] / "spec" / "blockfile.md").read_text()
 
 
@@ -41,13 +42,6 @@ def smallest_of_the_page() -> bytes:
     for at, row in lines:
         data[int(at, 16) : int(at, 16) + 16] = bytes.fromhex(row)
     return bytes(data)
-
-
-def smallest_scene() -> Scene:
-    code = encode_morton(np.array([[1, 2, 3]])).astype(np.uint32)
-    header = BlockFileHeader(8, 12, 1, 3, IDENTITY, (0.0, 0.0, 0.0, 8.0, 8.0, 8.0))
-    block = Block(code, np.array([63], np.uint8))
-    return Scene(header, {(0, 0): block}, ("occupancy", "mask"))
 
 
 def agrees(decoder: SimpleNamespace, data: bytes, scene: Scene) -> None:
@@ -109,6 +103,19 @@ def test_the_decoder_reads_smooth_columns_whatever_filter_they_took(decoder):
         block.colour[:] = (ramp[:, None] // 7 + np.arange(4)) % 256
         block.weight[:] = 1 + ramp * 70_001
     agrees(decoder, file_bytes(scene), scene)
+
+
+@pytest.mark.parametrize("path", sorted(VECTORS.glob("blocks-*.gsb")), ids=lambda path: path.stem)
+def test_the_decoder_reads_every_good_vector_as_the_reader_does(decoder, path):
+    with open_block_file(path) as file:
+        views = [view for level in range(file.levels)[::-1] for view in file.blocks(level)]
+        for view, (level, places, columns) in zip(
+            views, decoder.blocks(path.read_bytes()), strict=True
+        ):
+            assert level == view.level
+            np.testing.assert_array_equal(places, view.positions())
+            for name, values in columns.items():
+                np.testing.assert_array_equal(values, view.column(name).reshape(view.count, -1))
 
 
 def test_the_decoder_finds_a_cut_and_a_flip(decoder):
