@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import tracemalloc
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,9 @@ from small_block_files import Paging, file_bytes, random_scene
 from gstream.blockcheck import iter_findings
 from gstream.check import KEPT, RULES, check_file
 from gstream.errors import CorruptFileError, GstreamError, UnsupportedError, UsageError
+from gstream.formats.framing import CODEC_CONSTANT
 from gstream.formats.pages import Directory
+from gstream.read import open_block_file
 
 SPEC = Path(__file__).parents[2] / "spec" / "blockfile.md"
 
@@ -123,15 +126,31 @@ def test_random_bytes_with_right_crcs_raise_only_gstream_errors():
         caught(made.sealed())
 
 
-def test_no_damaged_file_makes_check_allocate_beyond_the_bound():
-    scene = random_scene(64, 6, 30)
-    hostile = Patch(file_bytes(scene)).entry(0, "count", 8**6)
-    for column in ALL[1:]:
-        for field, value in (("codec", 2), ("stored", 0), ("offset", 0), ("crc", 0), ("filter", 0)):
-            hostile.entry(0, field, value, column)
-    for data in [hostile.sealed(), *(make() for make in DAMAGE.values())]:
+def hostile() -> bytes:
+    """A small file whose first block claims to be full, with constants for columns."""
+    made = Patch(file_bytes(random_scene(64, 6, 30))).entry(0, "count", 8**6)
+    for spec in made.columns[1:]:
+        for field in ("stored", "offset", "crc", "filter"):
+            made.entry(0, field, 0, spec.name)
+        made.entry(0, "codec", CODEC_CONSTANT, spec.name)
+        made.entry(0, "raw", spec.raw_bytes(8**6), spec.name)
+    return made.sealed()
+
+
+def read_all(data: bytes) -> None:
+    with suppress(GstreamError), open_block_file(data) as file:
+        for level in range(file.levels):
+            for view in file.blocks(level):
+                for name in file.columns:
+                    with suppress(GstreamError):
+                        view.column(name)
+
+
+def test_no_damaged_file_makes_reader_or_check_allocate_beyond_the_bound():
+    for data in [hostile(), *(make() for make in DAMAGE.values())]:
         tracemalloc.start()
         caught(data)
+        read_all(data)
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         assert peak < 65 << 20
