@@ -141,7 +141,7 @@ def parse_number(text, first, end):
     if i == end:
         return 0.0, BAD
     mantissa, held, power, places, used = U0, 0, 0, 0, 0
-    seen, point = False, False
+    seen, point, cut = False, False, False
     while i < end:
         digit = np.int64(text[i]) - 48
         if digit < 0 or digit > 9:
@@ -152,16 +152,16 @@ def parse_number(text, first, end):
             continue
         seen = True
         places += 1 if point else 0
-        if digit == 0:
+        cut |= digit != 0 and mantissa != U0 and used + held + 1 > 19
+        if digit == 0 or cut:
             held += 1
             power += 0 if point else 1
         else:
             used = used + held + 1 if mantissa != U0 else 1
-            if used <= 19:
-                while held > 0 and mantissa != U0:
-                    mantissa *= U10
-                    held -= 1
-                mantissa = mantissa * U10 + np.uint64(digit)
+            while held > 0 and mantissa != U0:
+                mantissa *= U10
+                held -= 1
+            mantissa = mantissa * U10 + np.uint64(digit)
             held, power = 0, -places
         i += 1
     if i < end and (text[i] == 101 or text[i] == 69) and seen:
@@ -178,8 +178,10 @@ def parse_number(text, first, end):
         return 0.0, BAD
     if mantissa == U0:
         return sign * 0.0, READ
-    if used > 19:
-        return 0.0, SLOW
+    if cut:  # more than 19 digits: decided when both neighbours round to the same
+        low, status = _round_decimal(mantissa, power)
+        high, above = _round_decimal(mantissa + U1, power)
+        return sign * low, READ if status == above == READ and low == high else SLOW
     if mantissa <= EXACT and -22 <= power <= 22:
         value = np.float64(mantissa)
         return sign * (value * TENS[power] if power >= 0 else value / TENS[-power]), READ

@@ -73,7 +73,7 @@ def test_a_damaged_gzip_is_refused_with_its_place(tmp_path, damage):
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("a.ply", b"version https://git-lfs.github.com/spec/v1\noid", "is a Git LFS .*git lfs pull"),
+        ("a.ply", b"version https://git-lfs.github.com/spec/v1\noid", "is a Git LFS .*lfs pull"),
         ("a.obj", b"", "is empty; copy"),
         ("a.obj", OBJ.decode().encode("utf-16"), "byte 0: is UTF-16 text"),
         ("a.obj", OBJ.decode().encode("utf-16-le"), "line 1: holds a zero byte"),
