@@ -9,12 +9,17 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.formats.stream_edges import edge_codes as edge_codes
+from gstream.formats.stream_edges import undo_edge_codes as undo_edge_codes
+
 FILTER_NONE: Final = 0
 FILTER_DELTA: Final = 1  # integers: difference to the value before, zigzag, byte planes
 FILTER_ORDERED_DELTA: Final = 2  # the same on the ordered integers of IEEE floats
 FILTER_FIRST_USE: Final = 3  # indices: distance below the high-water mark, byte planes
 FILTER_CORNER_DELTA: Final = 4  # as 1, the difference being to another corner of the triangle
 FILTER_ORDERED_CORNER_DELTA: Final = 5  # as 2, likewise
+
+FILTER_EDGES: Final = 6  # indices: an edge shared with one of the last triangles
 
 Bits = NDArray[Any]  # unsigned integers of 1, 2, 4 or 8 bytes
 Bytes = NDArray[np.uint8]
@@ -31,6 +36,8 @@ class Filters(Protocol):
     ) -> None: ...
     def first_use_planes(self, indices: Bits, planes: Bytes) -> None: ...
     def undo_first_use_planes(self, planes: Bytes, vertices: int, indices: Bits) -> int: ...
+    def edge_codes(self, triangles: Bits, codes: Bytes, extra: Bits) -> int: ...
+    def undo_edge_codes(self, codes: Bytes, extra: Bits, vertices: int, indices: Bits) -> int: ...
 
 
 def rows_before(count: int) -> Bases:

@@ -40,6 +40,7 @@ from gstream.formats.stream_chunk import (
 from gstream.formats.stream_filters import (
     FILTER_CORNER_DELTA,
     FILTER_DELTA,
+    FILTER_EDGES,
     FILTER_FIRST_USE,
     FILTER_NONE,
     FILTER_ORDERED_CORNER_DELTA,
@@ -51,7 +52,7 @@ from gstream.formats.stream_filters import (
 BOX: Final = Struct("<6d")
 WORTH_PACKING: Final = 64  # bytes; LZ4 keeps the last 12 as they are
 CODECS: Final = (CODEC_RAW, CODEC_LZ4, CODEC_CONSTANT)
-INDEX_FILTERS: Final = (FILTER_NONE, FILTER_FIRST_USE)
+INDEX_FILTERS: Final = (FILTER_NONE, FILTER_FIRST_USE, FILTER_EDGES)
 VALUE_FILTERS: Final = (
     FILTER_NONE,
     FILTER_DELTA,
@@ -129,9 +130,9 @@ def _encode_part(
         raw = len(stored)
     elif raw >= WORTH_PACKING:
         filter_, planes = _filtered(attribute, bits, bases, filters)
-        codec, stored = CODEC_LZ4, compress(planes.data, lz4)
-    if codec == CODEC_RAW or (codec == CODEC_LZ4 and len(stored) >= raw):
-        filter_, codec, stored = FILTER_NONE, CODEC_RAW, values.tobytes()
+        codec, stored, raw = CODEC_LZ4, compress(planes.data, lz4), planes.nbytes
+    if codec == CODEC_RAW or (codec == CODEC_LZ4 and len(stored) >= values.nbytes):
+        filter_, codec, stored, raw = FILTER_NONE, CODEC_RAW, values.tobytes(), values.nbytes
     return Part(attribute.id, domain, filter_, codec, len(stored), raw, crc32(stored)), stored
 
 
@@ -142,6 +143,12 @@ def _constant(bits: Array) -> bool:
 def _filtered(
     attribute: Attribute, bits: Array, bases: Array | None, filters: Filters
 ) -> tuple[int, Array]:
+    if attribute is INDEX:
+        codes, extra = np.empty(len(bits) // 3, np.uint8), np.empty(len(bits), np.uint16)
+        used = filters.edge_codes(bits.reshape(-1, 3), codes, extra)
+        if used >= 0:
+            halves = extra[:used].astype("<u2").view(np.uint8).reshape(-1, 2)
+            return FILTER_EDGES, np.concatenate([codes, halves[:, 0], halves[:, 1]])
     planes = np.empty((bits.shape[1], bits.itemsize, len(bits)), np.uint8)
     if attribute is INDEX:
         filters.first_use_planes(bits[:, 0], planes[0])
@@ -217,20 +224,21 @@ def decode_part(
     count = (head.vertices, 3 * head.triangles, head.triangles, 1)[part.domain]
     dtype = np.dtype(DTYPES[attribute.dtype])
     raw = attribute.value_bytes * (1 if part.codec == CODEC_CONSTANT else count)
+    if part.filter == FILTER_EDGES and 0 <= part.raw - head.triangles <= raw:
+        raw = part.raw - (part.raw - head.triangles) % 2  # one byte per triangle, and pairs
     if part.raw != raw:
         said = f"a {attribute.name} part states {part.raw} bytes where {raw} are needed"
         raise where.corrupt("GST-0107", said)
     data = _unpack(part, stored, where)
     values = np.empty((count, attribute.components), dtype)
+    bits = values.view(f"<u{dtype.itemsize}")
     if part.filter == FILTER_NONE:
         values[:] = np.frombuffer(data, dtype).reshape(-1, attribute.components)
+    elif attribute is INDEX:
+        _undo_index(part, np.frombuffer(data, np.uint8), bits[:, 0], head, where, filters)
     else:
         planes = np.frombuffer(data, np.uint8).reshape(attribute.components, dtype.itemsize, count)
-        bits = values.view(f"<u{dtype.itemsize}")
-        if attribute is INDEX:
-            _undo_index(planes[0], bits[:, 0], head.vertices, where, filters)
-        else:
-            _undo_delta(part, planes, bits, index, where, filters)
+        _undo_delta(part, planes, bits, index, where, filters)
     if attribute is INDEX and count and int(values.max()) >= head.vertices:
         said = f"vertex {int(values.max())} of {head.vertices} is named"
         raise where.corrupt("GST-0112", said)
@@ -246,11 +254,18 @@ def _unpack(part: Part, stored: memoryview, where: Place) -> bytes | memoryview:
 
 
 def _undo_index(
-    planes: Array, indices: Array, vertices: int, where: Place, filters: Filters
+    part: Part, data: Array, indices: Array, head: ChunkHead, where: Place, filters: Filters
 ) -> None:
-    used = filters.undo_first_use_planes(planes, vertices, indices)
-    if used != vertices:
-        said = f"the indices use {used} of {vertices} vertices" if used >= 0 else "a broken index"
+    if part.filter == FILTER_EDGES:
+        codes, halves = data[: head.triangles], data[head.triangles :].reshape(2, -1)
+        extra = halves[0].astype(np.uint16) | halves[1].astype(np.uint16) << 8
+        used = filters.undo_edge_codes(codes, extra, head.vertices, indices)
+    else:
+        used = filters.undo_first_use_planes(data.reshape(2, -1), head.vertices, indices)
+    if used != head.vertices:
+        said = (
+            f"the indices use {used} of {head.vertices} vertices" if used >= 0 else "a broken index"
+        )
         raise where.corrupt("GST-0114", said)
 
 

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.kernels import kernel
+from gstream.kernels.edges import edge_codes as edge_codes
+from gstream.kernels.edges import undo_edge_codes as undo_edge_codes
 
 Array = NDArray[Any]
 

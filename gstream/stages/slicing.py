@@ -286,6 +286,7 @@ def warm_slicing() -> None:
     slots[:] = EMPTY
     indexing.weld_chunk(np.zeros((3, 3), np.uint32), 4, slots, ids, local)
     indexing.first_use_planes(local.ravel(), np.zeros((2, 3), np.uint8))
+    indexing.edge_codes(local, np.zeros(1, np.uint8), np.zeros(3, np.uint16))
     bases = np.empty(3, np.int32)
     indexing.corner_bases(local, bases)
     for type_, width in ((np.float32, 4), (np.float64, 8)):

@@ -178,6 +178,12 @@ FAN_FILE = StreamBytes(
     (counters(6, 4, 2, 1),),
     (FAN_BOX[:3], FAN_BOX[3:]),
 )
+EDGE_CODES = bytes([255, 0, 0, 1]) + bytes([0, 0, 0, 4]) + bytes(4)
+EDGE_CHUNK = replace(
+    FAN_CHUNK,
+    parts=(PartBytes(0, 1, EDGE_CODES, filter=6), PartBytes(1, 0, floats(FAN))),
+    degenerate=0,
+)
 UNKNOWN_PART = PartBytes(900, 7, b"unknown domain, filter and codec", filter=99, codec=77)
 EMPTY_CHUNK = ChunkBytes((PartBytes(1, 0, b""),), 0, 0, non_finite=5, box=(0.0,) * 6)
 
@@ -197,6 +203,7 @@ def with_fan_index(part: PartBytes) -> StreamBytes:
 GOOD: dict[str, StreamBytes] = {
     "stream-smallest": SMALLEST,
     "stream-indexed": FAN_FILE,
+    "stream-edges": replace(FAN_FILE, chunks=(EDGE_CHUNK,), sources=(counters(6, 4, 2),)),
     "stream-no-chunks": replace(SMALLEST, chunks=(), sources=(), box=None),
     "stream-empty-chunk": replace(
         SMALLEST, chunks=(EMPTY_CHUNK,), sources=(counters(5, 0, 5),), box=None

@@ -3,6 +3,7 @@
 import json
 import struct
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import lz4.block
@@ -14,6 +15,7 @@ from gstream.formats.stream import (
     POSITION_F4,
     POSITION_F8,
     Chunk,
+    StreamReader,
     StreamWriter,
     encode_chunk,
 )
@@ -76,6 +78,9 @@ def decode_chunk(data: bytes, descriptors: dict) -> dict:
         if codec == 1:
             part = lz4.block.decompress(part, uncompressed_size=raw)
         assert len(part) == raw
+        if filter_ == 6:
+            found[name] = [[vertex] for vertex in undo_edges(part, triangles, vertices)]
+            continue
         if codec == 2:
             part *= counts[domain]
         shape = (counts[domain], components)
@@ -122,6 +127,36 @@ def undo(data: bytes, shape: tuple[int, int], width: int, filter_: int, index) -
     return [[c - half if c >= half else modulus - 1 - c for c in row] for row in codes]
 
 
+def undo_edges(data: bytes, triangles: int, vertices: int) -> list[int]:
+    """Section 5.3: the vertex of each corner."""
+    edges: list[tuple[int, int]] = []
+    mark, found = 0, []
+    count = (len(data) - triangles) // 2
+    halves = data[triangles : triangles + count], data[triangles + count :]
+    numbers = iter([low | high << 8 for low, high in zip(*halves, strict=True)])
+
+    def take(number: int) -> int:
+        nonlocal mark
+        vertex = (mark - number) % 65536
+        mark += number == 0 and mark < vertices
+        return vertex
+
+    for code in data[:triangles]:
+        if code == 255:
+            a, b, c = take(next(numbers)), take(next(numbers)), take(next(numbers))
+            found += [a, b, c]
+            edges.append((b, a))
+        else:
+            a, b = edges[-1 - code // 6]
+            c = take(next(numbers) if code % 2 else 0)
+            corners = {code // 2 % 3: a, (code // 2 + 1) % 3: b, (code // 2 + 2) % 3: c}
+            found += [corners[k] for k in range(3)]
+        edges += [(c, b), (a, c)]
+    assert next(numbers, None) is None
+    assert mark == vertices
+    return found
+
+
 def bits(array: np.ndarray) -> list:
     return np.ascontiguousarray(array).view(f"<u{array.itemsize}").tolist()
 
@@ -152,14 +187,32 @@ def sheet(random: np.random.Generator, dtype: type) -> Chunk:
     return Chunk(points[order].astype(dtype), triangles, normals, colours, source=2, non_finite=9)
 
 
+def index_parts(path: Path) -> list:
+    reader = StreamReader(path)
+    parts = [part for i in range(len(reader.chunks)) for part in reader.head(i).parts]
+    return [part for part in parts if part.attribute == 0]
+
+
 def test_the_tables_of_the_spec_decode_what_gstream_writes(tmp_path):
     random = np.random.default_rng(5)
     soup = Chunk(
         random.normal(size=(30, 3)).astype(np.float32), colours=np.full((30, 4), 7, np.uint8)
     )
-    chunks = [sheet(random, np.float32), sheet(random, np.float64), soup]
+    shuffled = sheet(random, np.float32)
+    scattered = random.permutation(shuffled.triangles)
+    first = np.argsort(np.unique(scattered.ravel(), return_index=True)[1])
+    scattered = replace(
+        shuffled,
+        positions=shuffled.positions[first],
+        triangles=np.argsort(first).astype(np.uint16)[scattered],
+        normals=shuffled.normals[first],
+        colours=shuffled.colours[first],
+    )
+    chunks = [shuffled, sheet(random, np.float64), scattered, soup]
     for mode in ("fast", "hc"):
-        found = decode(written(tmp_path / "a.gst", chunks, mode))
+        data = written(tmp_path / "a.gst", chunks, mode)
+        assert [part.filter for part in index_parts(tmp_path / "a.gst")] == [6, 6, 3]
+        found = decode(data)
         assert found["metadata"] == {"units": "mm", "crs": None}
         for chunk, decoded in zip(chunks, found["chunks"], strict=True):
             assert decoded["position"] == bits(chunk.positions)

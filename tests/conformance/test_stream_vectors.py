@@ -82,6 +82,11 @@ def test_the_indexed_vector_unpacks_to_its_triangles():
     assert (chunk.colour_domain, chunk.non_finite, chunk.degenerate) == (2, 2, 1)
 
 
+def test_the_vector_of_edge_codes_unpacks_to_its_triangles():
+    chunk = StreamReader(VECTORS / "good" / "stream-edges.gst").chunk(0)
+    np.testing.assert_array_equal(chunk.triangles, [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]])
+
+
 def test_an_unknown_attribute_is_skipped_by_its_size():
     chunk = StreamReader(VECTORS / "good" / "stream-unknown-attribute.gst").chunk(0)
     assert len(chunk.positions) == 3

@@ -126,3 +126,74 @@ def test_both_twins_refuse_the_same_broken_indices(planes, vertices):
     if used[0] >= 0:
         assert used[0] == used[1]
         np.testing.assert_array_equal(*found)
+
+
+@st.composite
+def turned_strips(draw):
+    """A strip whose triangles start anywhere, with some of any triangles among them."""
+    corners = []
+    for t in range(draw(st.integers(1, 40))):
+        row = [t + 1, t, t + 2] if t % 2 else [t, t + 1, t + 2]
+        if draw(st.integers(0, 5)) == 0:
+            row = draw(st.lists(st.integers(0, t + 2), min_size=3, max_size=3))
+        turn = draw(st.integers(0, 2))
+        corners += row[turn:] + row[:turn]
+    ids: dict[int, int] = {}
+    local = [ids.setdefault(corner, len(ids)) for corner in corners]
+    return np.array(local, np.uint16).reshape(-1, 3), len(ids)
+
+
+def edges_of(twin, triangles):
+    codes, extra = np.zeros(len(triangles), np.uint8), np.zeros(3 * len(triangles), np.uint16)
+    used = twin.edge_codes(triangles, codes, extra)
+    return used, codes, extra[: max(used, 0)]
+
+
+@given(turned_strips())
+def test_both_twins_give_the_same_edge_codes_and_the_indices_back(case):
+    triangles, vertices = case
+    used, codes, extra = edges_of(plain, triangles)
+    again = edges_of(fast, triangles)
+    assert used == again[0]
+    if used < 0:
+        return
+    np.testing.assert_array_equal(codes, again[1])
+    np.testing.assert_array_equal(extra, again[2])
+    for twin in TWINS:
+        found = np.zeros(triangles.size, np.uint16)
+        assert twin.undo_edge_codes(codes, extra, vertices, found) == vertices
+        np.testing.assert_array_equal(found, triangles.ravel())
+
+
+@pytest.mark.parametrize("twin", TWINS, ids=IDS)
+def test_edge_codes_of_a_fan_are_what_one_computes_by_hand(twin):
+    triangles = np.array([[0, 1, 2], [0, 2, 3], [3, 4, 0], [2, 1, 0]], np.uint16)
+    used, codes, extra = edges_of(twin, triangles)
+    # 255: 0, 1, 2 are new. Edge (0, 2) is in slot 0, corner 0, and 3 is new: 0. Edge (0, 3) is in
+    # slot 0, corner 2, and 4 is new: 2 (3 * 0 + 2). Edge (0, 2) is now in slot 4, at corner 2, and
+    # vertex 1 is known, 4 below the mark of 5: 2 (3 * 4 + 2) + 1.
+    assert codes.tolist() == [255, 0, 4, 29]
+    assert extra.tolist() == [0, 0, 0, 4]
+    assert used == 4
+
+
+@pytest.mark.parametrize("twin", TWINS, ids=IDS)
+def test_triangles_that_share_no_edges_are_given_up(twin):
+    triangles = np.arange(9000, dtype=np.uint16).reshape(-1, 3)
+    assert edges_of(twin, triangles)[0] == -1
+
+
+@given(
+    codes=st.lists(st.sampled_from([0, 1, 2, 3, 4, 5, 6, 95, 96, 254, 255]), max_size=8),
+    extra=st.lists(st.integers(0, 9), max_size=12),
+    vertices=st.integers(0, 12) | st.just(65_536),
+)
+def test_both_twins_refuse_the_same_broken_edge_codes(codes, extra, vertices):
+    found = [np.zeros(3 * len(codes), np.uint16) for _ in TWINS]
+    used = [
+        twin.undo_edge_codes(np.array(codes, np.uint8), np.array(extra, np.uint16), vertices, out)
+        for twin, out in zip(TWINS, found, strict=True)
+    ]
+    assert used[0] == used[1]
+    if used[0] >= 0:
+        np.testing.assert_array_equal(*found)
