@@ -30,6 +30,7 @@ from gstream.formats.pages import Directory
 ReadAt = Callable[[int, int], bytes]  # (offset, length) -> bytes, fewer only at the file's end
 Source = str | os.PathLike[str] | bytes | ReadAt
 Place = Sequence[int]
+Box = tuple[NDArray[np.float64], NDArray[np.float64]]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 U32 = NDArray[np.uint32]
@@ -187,10 +188,20 @@ class BlockFile:
 
     def blocks(self, level: int) -> "Iterator[BlockView]":
         """The blocks of one level in Morton order, without the empty ones."""
+        everywhere = np.full(3, -np.inf), np.full(3, np.inf)
+        return self._blocks_inside(level, everywhere)
+
+    def _blocks_inside(self, level: int, box: Box) -> "Iterator[BlockView]":
+        """Blocks whose tight bounds meet a box of voxels of their level, inclusive."""
         self._check_level(level)
+        first, last = box
         for page in self.directory.pages_of(level):
             entries = self.directory.page(page)
-            for entry in entries[(entries["level"] == level) & (entries["state"] == STATE_DATA)]:
+            corner = decode_morton(entries["key"]).astype(np.float64) * self.block_edge
+            here = (entries["level"] == level) & (entries["state"] == STATE_DATA)
+            here &= (corner + entries["high"] >= first).all(axis=1)
+            here &= (corner + entries["low"] <= last).all(axis=1)
+            for entry in entries[here]:
                 yield BlockView(self, entry)
 
     def block(self, level: int, place: Place) -> "BlockView | None":
@@ -215,12 +226,9 @@ class BlockFile:
         A box that is oblique to the grid is taken as its bounding box in voxel indices.
         errors : UnsupportedError for a column that the file does not store
         """
-        first, last = self._index_box(low, high, level)
+        first, last = box = self._index_box(low, high, level)
         parts: list[tuple[U32, list[NDArray[Any]]]] = []
-        for block in self.blocks(level):
-            corner = block.corner
-            if (corner + block.high < first).any() or (corner + block.low > last).any():
-                continue
+        for block in self._blocks_inside(level, box):
             positions = block.positions()
             inside = ((positions >= first) & (positions <= last)).all(axis=1)
             parts.append((positions[inside], [block.column(n)[inside] for n in columns]))
@@ -229,9 +237,7 @@ class BlockFile:
         merged = {n: np.concatenate([p[1][i] for p in parts]) for i, n in enumerate(columns)}
         return Voxels(level, np.concatenate([p[0] for p in parts]), merged)
 
-    def _index_box(
-        self, low: Sequence[float], high: Sequence[float], level: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _index_box(self, low: Sequence[float], high: Sequence[float], level: int) -> Box:
         """First and last voxel of a level, both inclusive, whose closed cubes touch a world box."""
         matrix = self.level_matrix(level)
         corners = np.where(CORNERS, np.asarray(high, float), np.asarray(low, float))

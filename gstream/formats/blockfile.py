@@ -256,36 +256,43 @@ class _Layout:
             if kind == "page":
                 file.write(entries.tobytes())
                 continue
-            groups = group_starts(source)
-            for first, last in pairwise(groups.tolist()):
-                for payload in _group_payloads(source[first:last], self.columns, fetch):
+            blocks = _pile_blocks(source, self.columns)
+            for first, last in pairwise(group_starts(source).tolist()):
+                for payload in _group_payloads(blocks[first:last], fetch):
                     file.write(payload)
                 done += last - first
                 if progress:
                     progress(done, len(self.rows))
 
 
-def _group_payloads(group: Rows, columns: Sequence[ColumnSpec], fetch: Fetch) -> Iterator[bytes]:
+@dataclass(frozen=True, slots=True)
+class _PileBlock:
+    """Where one block's kept columns lie in a pile; plain integers, being read one by one."""
+
+    pile: int
+    places: list[tuple[int, int, int]]  # offset, stored bytes, CRC of each column
+
+    def fetch(self, fetch: Fetch) -> tuple[int, bytes]:
+        """(offset, bytes) of the run that holds all columns of which something is stored."""
+        ends = [(at, at + stored) for at, stored, _ in self.places if stored]
+        first, last = min(ends, default=(0, 0))[0], max((end for _, end in ends), default=0)
+        return first, fetch(self.pile, first, last - first) if ends else b""
+
+
+def _pile_blocks(rows: Rows, columns: Sequence[ColumnSpec]) -> list[_PileBlock]:
+    fields = [stacked(rows, columns, name).tolist() for name in ("offset", "stored", "crc")]
+    places = zip(rows["pile"].tolist(), *fields, strict=True)
+    return [_PileBlock(pile, list(zip(*block, strict=True))) for pile, *block in places]
+
+
+def _group_payloads(group: Sequence[_PileBlock], fetch: Fetch) -> Iterator[bytes]:
     """The stored columns of one sibling group, column by column; one fetch per block."""
-    spans = [_fetch_block(row, columns, fetch) for row in group]
-    for column in columns:
-        for row, (offset, data) in zip(group, spans, strict=True):
-            record = row[column.name]
-            first = int(record["offset"]) - offset
-            payload = data[first : first + int(record["stored"])] if record["stored"] else b""
-            if payload and crc32(payload) != record["crc"]:
-                said = f"column {column.name} of a finished block is damaged"
-                raise CorruptFileError(
-                    "GSP-0004", f"pile {row['pile']}", int(record["offset"]), said
-                )
+    runs = [block.fetch(fetch) for block in group]
+    for column in range(len(group[0].places)):
+        for block, (first, data) in zip(group, runs, strict=True):
+            offset, stored, crc = block.places[column]
+            payload = data[offset - first : offset - first + stored] if stored else b""
+            if crc32(payload) != crc:
+                said = "a column of a finished block is damaged"
+                raise CorruptFileError("GSP-0004", f"pile {block.pile}", offset, said)
             yield payload
-
-
-def _fetch_block(row: Any, columns: Sequence[ColumnSpec], fetch: Fetch) -> tuple[int, bytes]:
-    """(offset, bytes) of the run of a pile that holds all kept columns of one block."""
-    places = [row[column.name] for column in columns if row[column.name]["stored"]]
-    if not places:
-        return 0, b""
-    first = min(int(place["offset"]) for place in places)
-    last = max(int(place["offset"]) + int(place["stored"]) for place in places)
-    return first, fetch(int(row["pile"]), first, last - first)
