@@ -78,7 +78,7 @@ def test_non_finite_and_degenerate_triangles_are_counted_and_the_rest_is_built(t
     # The sphere's own poles are degenerate: 16 quads each have one triangle without area.
     assert (ledger["non_finite"], ledger["degenerate"]) == (2, 2 + 2 * 16)
     assert ledger["triangles"] == len(triangles) + 4
-    assert "non finite" in said
+    assert "not finite" in said
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads and writes everything")
