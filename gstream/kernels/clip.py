@@ -3,7 +3,7 @@
 Nothing here decides membership. Each result is a pure function of the triangle and the voxel, so it
 does not depend on the cell that asks. The triangle is seen along its dominant axis w as a polygon
 in (u, v); a voxel column cuts it to a polygon, and a plane w = l cuts that one in two.
-Unit: voxels. Polygons hold at most 9 corners.
+Unit: voxels. A polygon is two arrays of coordinates, its corners in order.
 """
 
 import numpy as np
@@ -12,106 +12,109 @@ from numpy.typing import NDArray
 from gstream.kernels import part
 
 F64 = NDArray[np.float64]
-CORNERS = 12
+CORNERS = 12  # a triangle cut by five planes has at most 8
 
 
 @part
-def cut(poly: F64, count: int, axis: int, at: float, keep_above: bool, out: F64) -> int:
-    """Cut a convex polygon by the line poly[axis] = at and keep one side.
+def cut(x: F64, y: F64, count: int, at: float, sign: float, out_x: F64, out_y: F64) -> int:
+    """Cut a convex polygon by the line x = at; keep x >= at (sign 1) or x <= at (sign -1).
 
-    poly, out : (2, CORNERS) f8   corners in order; columns 0..count-1 are used
-    returns : int   corners kept in `out`
+    returns : int   corners kept in out_x, out_y
     """
     kept = 0
-    sign = 1.0 if keep_above else -1.0
-    before = count - 1
-    d_before = sign * (poly[axis, before] - at)
+    x_before, y_before = x[count - 1], y[count - 1]
+    d_before = sign * (x_before - at)
     for i in range(count):
-        d = sign * (poly[axis, i] - at)
+        x_now, y_now = x[i], y[i]
+        d = sign * (x_now - at)
         if (d < 0.0) != (d_before < 0.0):
-            t = d_before / (d_before - d)
-            out[0, kept] = poly[0, before] + t * (poly[0, i] - poly[0, before])
-            out[1, kept] = poly[1, before] + t * (poly[1, i] - poly[1, before])
-            out[axis, kept] = at
+            out_x[kept] = at
+            out_y[kept] = y_before + d_before / (d_before - d) * (y_now - y_before)
             kept += 1
         if d >= 0.0:
-            out[0, kept] = poly[0, i]
-            out[1, kept] = poly[1, i]
+            out_x[kept] = x_now
+            out_y[kept] = y_now
             kept += 1
-        before, d_before = i, d
+        x_before, y_before, d_before = x_now, y_now, d
     return kept
 
 
 @part
 def clip_between(
-    poly: F64, count: int, axis: int, low: float, high: float, spare: F64, out: F64
+    x: F64, y: F64, count: int, low: float, spare_x: F64, spare_y: F64, out_x: F64, out_y: F64
 ) -> int:
-    """Keep the part of a convex polygon with low <= poly[axis] <= high; returns its corner count."""
-    smallest, largest = poly[axis, 0], poly[axis, 0]
+    """Keep the part of a convex polygon with low <= x <= low + 1; returns its corner count."""
+    smallest, largest = x[0], x[0]
     for i in range(1, count):
-        smallest = min(smallest, poly[axis, i])
-        largest = max(largest, poly[axis, i])
-    if smallest >= low and largest <= high:
-        for i in range(count):
-            out[0, i] = poly[0, i]
-            out[1, i] = poly[1, i]
-        return count
+        smallest = min(smallest, x[i])
+        largest = max(largest, x[i])
+    high = low + 1.0
     if smallest >= low:
-        return cut(poly, count, axis, high, False, out)
+        if largest <= high:
+            for i in range(count):
+                out_x[i] = x[i]
+                out_y[i] = y[i]
+            return count
+        return cut(x, y, count, high, -1.0, out_x, out_y)
     if largest <= high:
-        return cut(poly, count, axis, low, True, out)
-    between = cut(poly, count, axis, low, True, spare)
+        return cut(x, y, count, low, 1.0, out_x, out_y)
+    between = cut(x, y, count, low, 1.0, spare_x, spare_y)
     if between == 0:
         return 0
-    return cut(spare, between, axis, high, False, out)
+    return cut(spare_x, spare_y, between, high, -1.0, out_x, out_y)
 
 
 @part
-def moments_of(poly: F64, count: int, first_moments: bool, moments: F64) -> None:
-    """Signed area of a polygon and, when wanted, its first moments.
-
-    moments : (3,) f8   out: area, integral of u, integral of v
-    The corners are taken relative to the first one, which keeps the sums accurate far from 0.
-    """
-    u0, v0 = poly[0, 0], poly[1, 0]
-    area, mu, mv = 0.0, 0.0, 0.0
-    a, b = poly[0, 1] - u0, poly[1, 1] - v0
+def area_of(x: F64, y: F64, count: int) -> float:
+    """Signed area of a polygon; corners relative to the first, so that far from 0 loses nothing."""
+    x0, y0 = x[0], y[0]
+    a, b = x[1] - x0, y[1] - y0
+    twice = 0.0
     for i in range(2, count):
-        c, d = poly[0, i] - u0, poly[1, i] - v0
-        twice = a * d - b * c
-        area += twice
-        if first_moments:
-            mu += twice * (a + c)
-            mv += twice * (b + d)
+        c, d = x[i] - x0, y[i] - y0
+        twice += a * d - b * c
         a, b = c, d
-    moments[0] = 0.5 * area
-    moments[1] = mu / 6.0 + moments[0] * u0
-    moments[2] = mv / 6.0 + moments[0] * v0
+    return 0.5 * twice
 
 
 @part
-def below_height(
-    poly: F64, count: int, at: float, spare: F64, first_moments: bool, moments: F64
-) -> None:
-    """Area and moments of the part of a polygon whose height, poly[2], is at most `at`."""
+def moments_of(x: F64, y: F64, count: int) -> tuple[float, float]:
+    """First moments of a polygon: the integrals of x and y over it, with the sign of its area."""
+    x0, y0 = x[0], y[0]
+    a, b = x[1] - x0, y[1] - y0
+    mx, my, twice = 0.0, 0.0, 0.0
+    for i in range(2, count):
+        c, d = x[i] - x0, y[i] - y0
+        cross = a * d - b * c
+        twice += cross
+        mx += cross * (a + c)
+        my += cross * (b + d)
+        a, b = c, d
+    return mx / 6.0 + 0.5 * twice * x0, my / 6.0 + 0.5 * twice * y0
+
+
+@part
+def cut_below(
+    x: F64, y: F64, heights: F64, count: int, at: float, out_x: F64, out_y: F64
+) -> int:
+    """Keep the part of a polygon whose height is at most `at`; returns its corner count, or 0.
+
+    heights : height of the surface over each corner
+    """
     kept = 0
-    before = count - 1
-    d_before = at - poly[2, before]
+    x_before, y_before = x[count - 1], y[count - 1]
+    d_before = at - heights[count - 1]
     for i in range(count):
-        d = at - poly[2, i]
+        x_now, y_now = x[i], y[i]
+        d = at - heights[i]
         if (d < 0.0) != (d_before < 0.0):
             t = d_before / (d_before - d)
-            spare[0, kept] = poly[0, before] + t * (poly[0, i] - poly[0, before])
-            spare[1, kept] = poly[1, before] + t * (poly[1, i] - poly[1, before])
+            out_x[kept] = x_before + t * (x_now - x_before)
+            out_y[kept] = y_before + t * (y_now - y_before)
             kept += 1
         if d >= 0.0:
-            spare[0, kept] = poly[0, i]
-            spare[1, kept] = poly[1, i]
+            out_x[kept] = x_now
+            out_y[kept] = y_now
             kept += 1
-        before, d_before = i, d
-    if kept < 3:
-        moments[0] = 0.0
-        moments[1] = 0.0
-        moments[2] = 0.0
-    else:
-        moments_of(spare, kept, first_moments, moments)
+        x_before, y_before, d_before = x_now, y_now, d
+    return kept if kept > 2 else 0

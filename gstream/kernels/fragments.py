@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.kernels import kernel, part
-from gstream.kernels.clip import CORNERS, below_height, clip_between, moments_of
+from gstream.kernels.clip import CORNERS, area_of, clip_between, cut_below, moments_of
 from gstream.kernels.overlap import (
+    CEIL,
+    FLOOR,
+    N_NEGATIVE,
+    N_POSITIVE,
     PLANE_SLOTS,
-    covers,
-    inside,
     plane_out_of_reach,
     plane_range,
     prepare_edges,
@@ -34,7 +36,7 @@ SLAB_FRAGMENTS = (
     4096  # room a slab of 256 columns may need: 2 more voxels per column on closed ties
 )
 BUFFER_FRAGMENTS = 12_288
-LOWEST, HIGHEST = CORNERS - 2, CORNERS - 1  # where a column's polygon keeps its range of heights
+FEW_VOXELS = 4  # along w: up to here every voxel is tested, above the range is computed
 
 
 @part
@@ -147,43 +149,8 @@ def clip_to_room(box: I64, room: tuple[int, int, int]) -> bool:
 
 
 @part
-def column_polygon(
-    strip: F64, strip_corners: int, i: int, j: int, full: bool, spare: F64, column: F64
-) -> int:
-    """The triangle's polygon inside the unit square (i, j) of the (u, v) plane; its corner count."""
-    if full:
-        column[0, 0], column[1, 0] = i, j
-        column[0, 1], column[1, 1] = i + 1, j
-        column[0, 2], column[1, 2] = i + 1, j + 1
-        column[0, 3], column[1, 3] = i, j + 1
-        return 4
-    if strip_corners < 3:
-        return 0
-    return clip_between(strip, strip_corners, 1, j, j + 1.0, spare, column)
-
-
-@part
-def add_heights(
-    column: F64, count: int, tri: I64, plane: I64, u: int, v: int, w: int, inverse: float,
-    scale: float,
-) -> None:  # fmt: skip
-    """Heights of the plane over the corners, in row 2, then the lowest and the highest of them."""
-    slope_u, slope_v = plane[u] * inverse, plane[v] * inverse
-    u0, v0, w0 = tri[0, u] * scale, tri[0, v] * scale, tri[0, w] * scale
-    lowest, highest = np.inf, -np.inf
-    for a in range(count):
-        height = w0 - slope_u * (column[0, a] - u0) - slope_v * (column[1, a] - v0)
-        column[2, a] = height
-        lowest = min(lowest, height)
-        highest = max(highest, height)
-    column[2, LOWEST], column[2, HIGHEST] = lowest, highest
-
-
-@part
-def mean_channels(gradients: F64, moments: F64, u: float, v: float, means: F64) -> None:
-    """Channels at the fragment's centroid (at (u, v) where it has no area), within the corners' range."""
-    if moments[0] != 0.0:
-        u, v = moments[1] / moments[0], moments[2] / moments[0]
+def mean_channels(gradients: F64, u: float, v: float, means: F64) -> None:
+    """Channels at a fragment's centroid (u, v), within the range of the triangle's corners."""
     for c in range(means.shape[0]):
         value = gradients[c, 0] + gradients[c, 1] * u + gradients[c, 2] * v
         means[c] = min(max(value, gradients[c, 3]), gradients[c, 4])
@@ -234,10 +201,11 @@ def emit(
     lines = np.empty((4, 3, 4), np.int64)
     ends = np.empty((4, 3), np.int64)
     voxel = np.empty(3, np.int64)
-    polygons = np.empty((4, 3, CORNERS))
-    whole, strip, column, spare = polygons[0], polygons[1], polygons[2], polygons[3]
-    moments = np.empty((3, 3))
-    total, lower, upper = moments[0], moments[1], moments[2]
+    whole_u, whole_v = np.empty(3), np.empty(3)
+    strip_u, strip_v = np.empty(CORNERS), np.empty(CORNERS)
+    column_u, column_v = np.empty(CORNERS), np.empty(CORNERS)
+    spare_u, spare_v = np.empty(CORNERS), np.empty(CORNERS)
+    heights = np.empty(CORNERS)
     gradients = np.empty((values.shape[2], 5))
     count = 0
     while t < corners.shape[0]:
@@ -260,72 +228,138 @@ def emit(
         flat = plane[w] == 0
         inverse = 0.0 if flat else 1.0 / np.float64(plane[w])
         factor = 0.0 if flat else AREA_UNITS * length * abs(inverse)
+        slope_u, slope_v = plane[u] * inverse, plane[v] * inverse
         for a in range(3):
-            whole[0, a] = tri[a, u] * scale
-            whole[1, a] = tri[a, v] * scale
+            whole_u[a] = tri[a, u] * scale
+            whole_v[a] = tri[a, v] * scale
+        height_0 = tri[0, w] * scale + slope_u * whole_u[0] + slope_v * whole_v[0]
         if has_channels:
             prepare_gradients(tri, order, values[t], u, v, scale, flat, gradients)
+        # Thresholds and steps in locals: read from the arrays they cost a third of the loop.
+        low_w, size_w = box[1, w], box[2, w] - box[1, w] + 1
+        a0, a1, a2 = edges[w, 0, 0], edges[w, 1, 0], edges[w, 2, 0]
+        b0, b1, b2 = edges[w, 0, 1], edges[w, 1, 1], edges[w, 2, 1]
+        c0, c1, c2 = edges[w, 0, 2], edges[w, 1, 2], edges[w, 2, 2]
+        f0, f1, f2 = edges[u, 0, 0], edges[u, 1, 0], edges[u, 2, 0]
+        g0, g1, g2 = edges[u, 0, 1], edges[u, 1, 1], edges[u, 2, 1]
+        h0, h1, h2 = edges[u, 0, 2], edges[u, 1, 2], edges[u, 2, 2]
+        p0, p1, p2 = edges[v, 0, 0], edges[v, 1, 0], edges[v, 2, 0]
+        q0, q1, q2 = edges[v, 0, 1], edges[v, 1, 1], edges[v, 2, 1]
+        r0, r1, r2 = edges[v, 0, 2], edges[v, 1, 2], edges[v, 2, 2]
+        n_w = plane[w]
+        above, below = plane[N_POSITIVE] - plane[CEIL], plane[N_NEGATIVE] - plane[FLOOR]
         i = box[1, u] if slab < 0 else slab
         while i <= box[2, u]:
             if count + SLAB_FRAGMENTS > keys.shape[0]:
                 return t, i, count
             strip_corners = -1
             for j in range(box[1, v], box[2, v] + 1):
-                if not inside(edges, w, i, j):
+                inside_0 = a0 * i + b0 * j + c0
+                inside_1 = a1 * i + b1 * j + c1
+                inside_2 = a2 * i + b2 * j + c2
+                if inside_0 < 0 or inside_1 < 0 or inside_2 < 0:
                     continue
-                first, last = box[1, w], box[2, w]
-                if not flat:
-                    across = plane[u] * (i - box[1, u]) + plane[v] * (j - box[1, v])
-                    first, last = plane_range(plane, inverse, w, across, last - first + 1)
-                    first += box[1, w]
-                    last += box[1, w]
-                if first > last:
-                    continue
-                full = covers(edges, w, i, j)
+                full = (
+                    inside_0 > abs(a0) + abs(b0)
+                    and inside_1 > abs(a1) + abs(b1)
+                    and inside_2 > abs(a2) + abs(b2)
+                )
+                first, last = np.int64(0), size_w - 1
+                across = plane[u] * (i - box[1, u]) + plane[v] * (j - box[1, v])
+                if size_w > FEW_VOXELS and not flat:
+                    first, last = plane_range(plane, inverse, w, across, size_w)
                 corner_count = -1
-                measured = first - 2  # the l of `lower`, if any
-                for l in range(first, last + 1):
-                    if not full and not (inside(edges, u, j, l) and inside(edges, v, l, i)):
+                measured = np.int64(-2)  # the l that `lower` belongs to
+                total, lower = 0.0, 0.0
+                total_u, total_v, lower_u, lower_v = 0.0, 0.0, 0.0, 0.0
+                lowest, highest = 0.0, 0.0
+                for step in range(first, last + 1):
+                    if across + above + n_w * step < 0 or across + below + n_w * step > 0:
+                        continue
+                    l = low_w + step
+                    if not full and (
+                        f0 * j + g0 * l + h0 < 0
+                        or f1 * j + g1 * l + h1 < 0
+                        or f2 * j + g2 * l + h2 < 0
+                        or p0 * l + q0 * i + r0 < 0
+                        or p1 * l + q1 * i + r1 < 0
+                        or p2 * l + q2 * i + r2 < 0
+                    ):
                         continue
                     if corner_count < 0:
-                        if not full and not flat and strip_corners < 0:
-                            strip_corners = clip_between(whole, 3, 0, i, i + 1.0, spare, strip)
-                        corner_count = column_polygon(
-                            strip, strip_corners, i, j, full, spare, column
-                        )
-                        if flat or corner_count < 3:
+                        corner_count = 0
+                        if full:
+                            column_u[0], column_v[0] = i, j
+                            column_u[1], column_v[1] = i + 1, j
+                            column_u[2], column_v[2] = i + 1, j + 1
+                            column_u[3], column_v[3] = i, j + 1
+                            corner_count = 4
+                        elif not flat:
+                            if strip_corners < 0:
+                                strip_corners = clip_between(
+                                    whole_u, whole_v, 3, np.float64(i),
+                                    spare_u, spare_v, strip_u, strip_v,
+                                )  # fmt: skip
+                            if strip_corners > 2:
+                                corner_count = clip_between(
+                                    strip_v, strip_u, strip_corners, np.float64(j),
+                                    spare_v, spare_u, column_v, column_u,
+                                )  # fmt: skip
+                        if corner_count < 3:
                             corner_count = 0
                         else:
-                            add_heights(column, corner_count, tri, plane, u, v, w, inverse, scale)
-                            moments_of(column, corner_count, has_channels, total)
+                            lowest, highest = np.inf, -np.inf
+                            for a in range(corner_count):
+                                height = height_0 - slope_u * column_u[a] - slope_v * column_v[a]
+                                heights[a] = height
+                                lowest = min(lowest, height)
+                                highest = max(highest, height)
+                            total = area_of(column_u, column_v, corner_count)
+                            if has_channels:
+                                total_u, total_v = moments_of(column_u, column_v, corner_count)
                     # Area between two heights: the difference of two cumulative values, each a
                     # pure function of the column's polygon and l.
-                    for c in range(3):
-                        upper[c] = total[c] if corner_count else 0.0
-                    if corner_count and column[2, LOWEST] < l:
-                        if measured != l:
-                            below_height(column, corner_count, l, spare, has_channels, lower)
-                        for c in range(3):
-                            upper[c] -= lower[c]
-                    if corner_count and column[2, HIGHEST] > l + 1:
-                        for c in range(3):
-                            upper[c] -= total[c]
-                        below_height(column, corner_count, l + 1.0, spare, has_channels, lower)
-                        measured = l + 1
-                        for c in range(3):
-                            upper[c] += lower[c]
+                    area, area_u, area_v = total, total_u, total_v
+                    if corner_count:
+                        if highest > l + 1:
+                            upper, upper_u, upper_v = 0.0, 0.0, 0.0
+                            kept = cut_below(
+                                column_u, column_v, heights, corner_count, l + 1.0, spare_u, spare_v
+                            )
+                            if kept:
+                                upper = area_of(spare_u, spare_v, kept)
+                                if has_channels:
+                                    upper_u, upper_v = moments_of(spare_u, spare_v, kept)
+                            area, area_u, area_v = upper, upper_u, upper_v
+                        if lowest < l:
+                            if measured != l:
+                                lower, lower_u, lower_v = 0.0, 0.0, 0.0
+                                kept = cut_below(
+                                    column_u, column_v, heights, corner_count, np.float64(l),
+                                    spare_u, spare_v,
+                                )  # fmt: skip
+                                if kept:
+                                    lower = area_of(spare_u, spare_v, kept)
+                                    if has_channels:
+                                        lower_u, lower_v = moments_of(spare_u, spare_v, kept)
+                            area -= lower
+                            area_u -= lower_u
+                            area_v -= lower_v
+                        if highest > l + 1:
+                            lower, lower_u, lower_v = upper, upper_u, upper_v
+                            measured = l + 1
                     voxel[u], voxel[v], voxel[w] = i, j, l
                     hit = True
                     if mode != CONSERVATIVE:
-                        value = np.int64(0)
-                        for c in range(3):
-                            value += plane[c] * (voxel[c] - box[1, c])
+                        value = across + n_w * step
                         if mode == SIX:
                             hit = meets_centre_lines(
                                 tri, plane, edges, centres, k, closed, voxel, value
                             )
                         else:
-                            hit = meets_diagonals(tri, plane, lines, ends, k, closed, voxel, value)
+                            hit = meets_diagonals(
+                                tri, plane, lines, ends, k, closed, voxel, value
+                            )
                     assigned[t] |= hit
                     keys[count] = (
                         spread[voxel[0] + box[0, 0]]
@@ -334,9 +368,12 @@ def emit(
                     )
                     owners[count] = t
                     hits[count] = hit
-                    areas[count] = abs(upper[0]) * factor
+                    areas[count] = abs(area) * factor
                     if has_channels:
-                        mean_channels(gradients, upper, i + 0.5, j + 0.5, channels[count])
+                        mean_u, mean_v = i + 0.5, j + 0.5
+                        if area != 0.0:
+                            mean_u, mean_v = area_u / area, area_v / area
+                        mean_channels(gradients, mean_u, mean_v, channels[count])
                     count += 1
             i += 1
         t, slab = t + 1, -1

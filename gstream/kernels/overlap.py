@@ -113,54 +113,59 @@ def prepare_edges(tri: I64, plane: I64, k: int, closed: bool, edges: I64, centre
 
     edges : (3, 3, 3) i8   out [axis r, edge, (A, B, threshold)]: the voxel's square in the plane
         (r+1, r+2) is not beyond the edge iff A*i + B*j + threshold >= 0
-    centres : (3, 3) i8   out: the same thresholds for the square's centre instead of its nearest corner
-    A projection of zero area is a segment: two opposite half planes and one test that always holds.
+    centres : (3, 3) i8   out: the same thresholds for the square's centre, not its nearest corner
+    A projection of zero area is a segment: two opposite half planes and one that always holds.
     """
-    half = np.int64(1) << (k - 1)
-    for r in range(3):
-        p, q = (r + 1) % 3, (r + 2) % 3
-        turn = first_sign(plane[r], 0, 0)
-        longest, flat = 0, 0
-        if turn == 0:
-            for e in range(3):
-                d = abs(tri[(e + 1) % 3, p] - tri[e, p]) + abs(tri[(e + 1) % 3, q] - tri[e, q])
-                if d > longest:
-                    longest, flat = d, e
-        for e in range(3):
-            s = e if turn != 0 else flat
-            a = tri[s, q] - tri[(s + 1) % 3, q]
-            b = tri[(s + 1) % 3, p] - tri[s, p]
-            orient = turn
-            if turn == 0:
-                orient = 1 if e == 0 else (-1 if e == 1 else 0)
-            a *= orient
-            b *= orient
-            sign = first_sign(b, a, 0) if r == 1 else first_sign(a, b, 0)
-            c = -a * tri[s, p] - b * tri[s, q] - tie(sign, closed)
-            edges[r, e, 0] = a
-            edges[r, e, 1] = b
-            edges[r, e, 2] = (c + ((max(a, 0) + max(b, 0)) << k)) >> k
-            centres[r, e] = (c + half * (a + b)) >> k
+    # Spelt out, so that the axes are constants: a loop over r took twice the time.
+    edges_of_projection(tri, plane, k, closed, 0, 1, 2, edges, centres)
+    edges_of_projection(tri, plane, k, closed, 1, 2, 0, edges, centres)
+    edges_of_projection(tri, plane, k, closed, 2, 0, 1, edges, centres)
 
 
 @part
-def inside(edges: I64, r: int, i: int, j: int) -> bool:
-    """The voxel square (i, j) of projection r is beyond none of the three edges."""
-    return (
-        edges[r, 0, 0] * i + edges[r, 0, 1] * j + edges[r, 0, 2] >= 0
-        and edges[r, 1, 0] * i + edges[r, 1, 1] * j + edges[r, 1, 2] >= 0
-        and edges[r, 2, 0] * i + edges[r, 2, 1] * j + edges[r, 2, 2] >= 0
-    )
+def edges_of_projection(
+    tri: I64, plane: I64, k: int, closed: bool, r: int, p: int, q: int, edges: I64, centres: I64
+) -> None:
+    """The three edge tests of the projection along axis r onto (p, q)."""
+    if plane[r] == 0:
+        edge = longest_edge(tri, p, q)
+        end = edge + 1 if edge < 2 else 0
+        edge_rule(tri, edge, end, k, closed, 1, r, p, q, 0, edges, centres)
+        edge_rule(tri, edge, end, k, closed, -1, r, p, q, 1, edges, centres)
+        edge_rule(tri, edge, end, k, closed, 0, r, p, q, 2, edges, centres)
+    else:
+        turn = 1 if plane[r] > 0 else -1
+        edge_rule(tri, 0, 1, k, closed, turn, r, p, q, 0, edges, centres)
+        edge_rule(tri, 1, 2, k, closed, turn, r, p, q, 1, edges, centres)
+        edge_rule(tri, 2, 0, k, closed, turn, r, p, q, 2, edges, centres)
 
 
 @part
-def covers(edges: I64, r: int, i: int, j: int) -> bool:
-    """The projected triangle strictly contains the closed voxel square (i, j) of projection r."""
+def edge_rule(
+    tri: I64, start: int, end: int, k: int, closed: bool, turn: int,
+    r: int, p: int, q: int, slot: int, edges: I64, centres: I64,
+) -> None:  # fmt: skip
+    """Test `slot` of projection r: beyond the edge from corner `start` to `end`, on side `turn`."""
+    a = turn * (tri[start, q] - tri[end, q])
+    b = turn * (tri[end, p] - tri[start, p])
+    sign = first_sign(b, a, 0) if r == 1 else first_sign(a, b, 0)
+    c = -a * tri[start, p] - b * tri[start, q] - tie(sign, closed)
+    edges[r, slot, 0] = a
+    edges[r, slot, 1] = b
+    edges[r, slot, 2] = (c + ((max(a, 0) + max(b, 0)) << k)) >> k
+    centres[r, slot] = (c + ((a + b) << (k - 1))) >> k
+
+
+@part
+def longest_edge(tri: I64, p: int, q: int) -> int:
+    """The edge whose projection onto (p, q) is longest."""
+    longest, found = np.int64(0), 0
     for e in range(3):
-        a, b = edges[r, e, 0], edges[r, e, 1]
-        if a * i + b * j + edges[r, e, 2] - abs(a) - abs(b) < 1:
-            return False
-    return True
+        end = e + 1 if e < 2 else 0
+        d = abs(tri[end, p] - tri[e, p]) + abs(tri[end, q] - tri[e, q])
+        if d > longest:
+            longest, found = d, e
+    return found
 
 
 @part
