@@ -17,6 +17,7 @@ from gstream import __version__
 from gstream.errors import UsageError
 from gstream.grid import MAX_RESOLUTION
 from gstream.job import IngestSettings, Job, VoxelizeSettings
+from gstream.read import open_block_file
 from gstream.run.budget import DiskNeed, check_disk, disk_of_ingest, disk_of_voxelize, plan_memory
 from gstream.run.journal import Identity, JobFolder, fingerprint, job_folder
 from gstream.run.local import disk_errors
@@ -183,10 +184,24 @@ def build(
 def simplify(blockfile: str, output: str, options: RunOptions) -> Request:
     """`gstream simplify`: a block file with level 0 to one with all its levels.
 
-    errors : UsageError for any path or option that cannot work
+    The stage `unpack` leaves level 0 where `merge` would have; the job's stream is the block file.
+
+    errors : UsageError for any path or option that cannot work; CorruptFileError
     """
     check_paths((blockfile,), output, options)
-    return Request(RELEVEL, (blockfile,), output, options)
+    with open_block_file(blockfile) as file:
+        held, columns = file.header, file.columns
+    settings = VoxelizeSettings(
+        sep=held.sep,
+        ties=held.ties,
+        resolution=held.resolution,
+        block=1 << held.block_log2,
+        keep_weights="weight" in columns,
+        faces=held.faces,
+        normals=held.normals,
+        normal_bits=held.normal_bits,
+    )
+    return Request(RELEVEL, (blockfile,), output, options, voxelize=settings)
 
 
 def check_voxelize(settings: VoxelizeSettings) -> None:
