@@ -213,15 +213,15 @@ def _smaller(chunk: Chunk) -> Chunk:
     if saved > INDEX_BYTES * len(triangles):
         return chunk
     corners = triangles.ravel()
-    vertex_colours = chunk.colours is not None and chunk.colour_domain == DOMAIN_VERTEX
+    colours = chunk.colours
+    if colours is not None and chunk.colour_domain == DOMAIN_VERTEX:
+        colours = colours[corners]
     return replace(
         chunk,
         triangles=None,
         positions=chunk.positions[corners],
         normals=None if chunk.normals is None else chunk.normals[corners],
-        colours=chunk.colours[corners]
-        if vertex_colours and chunk.colours is not None
-        else chunk.colours,
+        colours=colours,
     )
 
 
@@ -237,11 +237,14 @@ def _sorted_by_place(work: _Slice) -> _Slice:
             ids = window.triangles.astype(np.int64).ravel()
             corners = _gather(window.mesh.positions, ids).reshape(-1, 3, 3)
         with np.errstate(over="ignore", invalid="ignore"):
-            sums[at : at + window.count] = corners.astype(np.float64).sum(axis=1)
+            a, b, c = corners.astype(np.float64).transpose(1, 0, 2)
+            sums[at : at + window.count] = a + b + c
     keys = np.empty(work.count, np.uint64)
-    finite = sums[np.isfinite(sums).all(axis=1)]
-    low = finite.min(axis=0) if len(finite) else np.zeros(3)
-    extent = float((finite.max(axis=0) - low).max()) if len(finite) else 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        whole = np.isfinite(sums[:, 0] + sums[:, 1] + sums[:, 2])
+        axes = sums[whole].T.copy()  # reducing long axes is 8 times faster
+        low = axes.min(axis=1) if axes.size else np.zeros(3)
+        extent = float((axes.max(axis=1) - low).max()) if axes.size else 0.0
     scale = MORTON_CELLS / extent if 0.0 < extent < np.inf else 0.0
     indexing.morton_of_points(sums, low, scale, keys)
     order = np.argsort(keys, kind="stable")
