@@ -35,14 +35,16 @@ def is_mesh(path: Path) -> bool:
 
 def attempt(mesh: Path, label: str, arguments: argparse.Namespace, folder: Path) -> Outcome:
     output, scratch = folder / "out.gsb", folder / "scratch"
+    report = scratch / "report.json"
     scratch.mkdir(exist_ok=True)
     settings = ["--resolution", str(arguments.resolution), "--sep", arguments.sep]
     settings += ["--workers", arguments.workers, "--tmp", str(scratch), "--quiet"]
+    settings += ["--report", str(report)]
     built = gstream("build", mesh, "-o", output, *settings, timeout=arguments.timeout)
     if built.returncode:
         return _refusal(label, built.returncode, built.err, folder)
     checked = gstream("check", output, timeout=arguments.timeout)
-    held = json.loads(gstream("info", output, "--json").out or "{}")
+    held = json.loads(report.read_text())["file"]
     size = output.stat().st_size
     output.unlink()
     faults = [] if not checked.returncode else [f"check exits {checked.returncode}: {checked.out}"]
