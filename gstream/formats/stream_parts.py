@@ -280,3 +280,18 @@ def _undo_delta(
         filters.corner_bases(index.reshape(-1, 3), bases)
     ordered = part.filter in (FILTER_ORDERED_DELTA, FILTER_ORDERED_CORNER_DELTA)
     filters.undo_delta_planes(planes, bases, ordered, bits)
+
+
+def warm_filters(filters: Filters) -> None:
+    """Pack and unpack small chunks of every kind, so that compiled filters are compiled."""
+    corners = np.arange(192, dtype=np.uint16)
+    strip = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+    strip[1::2] = strip[1::2, [1, 0, 2]]
+    colours = np.zeros((192, 4), np.uint8)
+    colours[0] = 1
+    for dtype in (np.float32, np.float64):
+        points = np.zeros((192, 3), dtype)
+        points[0] = 1
+        for triangles in (None, corners.reshape(-1, 3), strip):
+            chunk = Chunk(points, triangles, points.astype(np.float32), colours)
+            decode_chunk(encode_chunk(chunk, "fast", filters), "", 0, filters=filters)

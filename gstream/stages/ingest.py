@@ -20,6 +20,7 @@ from gstream.formats.stream_chunk import (
     POSITION_F8,
     ChunkHead,
 )
+from gstream.formats.stream_parts import warm_filters
 from gstream.job import IngestSettings, Job, Summary, Unit, scratch_name
 from gstream.kernels import indexing
 from gstream.readers.mesh import Mesh
@@ -44,7 +45,7 @@ def plan(job: Job) -> list[Unit]:
         for first in range(0, mesh.triangle_count, step):
             count = min(step, mesh.triangle_count - first)
             name = f"{source:05d}-{first // step:07d}"
-            memory = BASE_MEMORY + count * (150 if settings.order == "spatial" else 24)
+            memory = BASE_MEMORY + count * (150 if settings.order == "spatial" else 40)
             units.append(Unit(NAME, name, float(count), memory, len(units), (source, first, count)))
     return units
 
@@ -95,6 +96,7 @@ def finish(job: Job) -> Summary:
 def warm() -> None:
     """Compile the kernels for the layouts that meshes usually have."""
     warm_slicing()
+    warm_filters(indexing)
 
 
 def _settings(job: Job) -> IngestSettings:

@@ -279,29 +279,25 @@ def _rgba(colours: Array) -> Array:
 
 
 def warm_slicing() -> None:
-    """Compile every kernel of ingest for the dtypes of usual meshes; takes seconds once."""
+    """Compile every kernel of slicing for the dtypes of usual meshes; takes seconds once."""
     slots = np.full(SLOTS, EMPTY)
     ids = np.empty(4, np.int64)
     local = np.zeros((1, 3), np.uint16)
     for dtype in (np.uint32, np.int64):
-        slots[:] = EMPTY
-        indexing.index_chunk(np.zeros((1, 3), dtype), 4, slots, ids, local)
+        triangles = np.zeros((1, 3), dtype)
+        for writeable in (True, False):  # ids that lie in a file as they are needed stay there
+            triangles.flags.writeable = writeable
+            slots[:] = EMPTY
+            indexing.index_chunk(triangles, 4, slots, ids, local)
     slots[:] = EMPTY
     indexing.weld_chunk(np.zeros((3, 3), np.uint32), 4, slots, ids, local)
-    indexing.first_use_planes(local.ravel(), np.zeros((2, 3), np.uint8))
-    indexing.edge_codes(local, np.zeros(1, np.uint8), np.zeros(3, np.uint16))
-    bases = np.empty(3, np.int32)
-    indexing.corner_bases(local, bases)
+    indexing.morton_of_points(np.zeros((1, 3)), np.zeros(3), 1.0, np.zeros(1, np.uint64))
     for type_, width in ((np.float32, 4), (np.float64, 8)):
         points = np.zeros((3, 3), type_)
         indexing.count_degenerate(points, local)
-        planes = np.zeros((3, width, 3), np.uint8)
-        indexing.delta_planes(points.view(f"u{width}"), bases, True, planes)
         for start in (0, 1):  # an array in a file may start at any byte
             data = np.zeros(40 * width, np.uint8)
             data.flags.writeable = False
             for stride in (3 * width, 4 * width):
                 rows: Array = np.ndarray((3, 3), type_, data, start, (stride, width))
                 indexing.gather_rows(rows, np.zeros(1, np.int64), points[:1])
-    colours, planes = np.zeros((3, 4), np.uint8), np.zeros((4, 1, 3), np.uint8)
-    indexing.delta_planes(colours, bases, False, planes)
