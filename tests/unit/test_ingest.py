@@ -12,6 +12,7 @@ from gstream.errors import InputError, StoppedError, UsageError
 from gstream.formats.stream import StreamReader, corners
 from gstream.formats.stream_check import iter_findings
 from gstream.job import IngestSettings, Job
+from gstream.kernels import indexing
 from gstream.readers.mesh import DiskArray, Mesh
 from gstream.stages import ingest
 
@@ -329,3 +330,20 @@ def test_any_small_mesh_is_stored_or_counted(tmp_path_factory, points, seed, ord
         return
     _, reader = run(job)
     assert soup_of(reader) == Counter(positions[t].tobytes() for t in triangles[finite])
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("soup", [True, False])
+def test_nothing_is_compiled_after_warm(tmp_path, dtype, soup):
+    ingest.warm()
+    compiled = [k for k in vars(indexing).values() if hasattr(k, "signatures")]
+    before = [len(kernel.signatures) for kernel in compiled]
+    positions, triangles = rough_sheet()
+    positions = positions.astype(dtype)
+    mesh = mesh_of(tmp_path, positions[triangles] if soup else positions,
+                   None if soup else triangles)  # fmt: skip
+    job = job_of(tmp_path, [mesh], replace(SETTINGS, order="spatial"))
+    run(job)
+    reader = StreamReader(job.stream, indexing)
+    assert reader.chunk(0).triangle_count
+    assert [len(kernel.signatures) for kernel in compiled] == before
