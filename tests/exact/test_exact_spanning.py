@@ -80,6 +80,30 @@ def test_windows_where_products_leave_64_bits_hold_the_exact_voxels(resolution, 
     assert checked > 150
 
 
+@pytest.mark.parametrize(("resolution", "snap_bits"), GRIDS)
+def test_there_is_no_second_surface_where_the_plane_value_is_zero_modulo_2_to_the_64(
+    resolution, snap_bits
+):
+    random, checked = Random(9), 0
+    for triangle in scenes.spanning("generic", 12, 80, resolution, snap_bits):
+        normal = oracle.normal_of(triangle)
+        axis = max(range(3), key=lambda c: abs(normal[c]))
+        step = 2**64 // abs(normal[axis])  # voxels from the plane to its ghost
+        lowest, highest = (triangle[:, axis].min(), triangle[:, axis].max())
+        for spot in scenes.places_on(triangle, random, snap_bits):
+            for ghost in (spot[axis] - step, spot[axis] + step):
+                low = [c - 4 for c in spot]
+                low[axis] = ghost - 4
+                if not lowest < (ghost << snap_bits) < highest:
+                    continue
+                window = (low[0], low[1], low[2])
+                truth = oracle.voxels_of(triangle, snap_bits, window, 8, "closed")
+                voxels = voxelize_triangles(triangle[None], snap_bits, window, 8, "6", "closed")
+                assert as_set(voxels.voxel) == truth["conservative"], (triangle.tolist(), window)
+                checked += not truth["conservative"]
+    assert checked > 10
+
+
 @pytest.mark.parametrize("sep", oracle.SEPARATIONS)
 @pytest.mark.parametrize("ties", oracle.TIES)
 def test_the_spanning_triangle_that_signed_overflow_once_emptied_is_whole(ties, sep):
