@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 import pytest
-from unit import toy_stage
 
 from gstream.errors import InputError, RefusedError, StoppedError
 from gstream.job import IngestSettings, Job
@@ -23,6 +22,7 @@ from gstream.run.budget import (
 )
 from gstream.run.local import UnitError, tree_memory
 from gstream.run.pipeline import run_job
+from unit import toy_stage
 
 
 def toy_job(folder: Path, units: int = 6, how: str = "ok", workers: int = 0) -> Job:
