@@ -1,4 +1,4 @@
-"""Every error that gstream raises on purpose, each with the exit code that the command line returns.
+"""Every error that gstream raises on purpose, each with its exit code.
 
 One line each: file, place, what is wrong, the rule's id, what to do. Constructor parameters are the
 exception's `args`, so that an error raised in a worker process pickles back to the parent whole.
@@ -61,7 +61,9 @@ class CorruptFileError(GstreamError):
         self.rule, self.path, self.at, self.said = rule, path, at, said
 
     def __str__(self) -> str:
-        return f"{self.path}: {self.said}, at byte {self.at} [{self.rule}]; rebuild or recopy the file"
+        return (
+            f"{self.path}: {self.said}, at byte {self.at} [{self.rule}]; rebuild or recopy the file"
+        )
 
 
 class RefusedError(GstreamError):

@@ -41,7 +41,7 @@ class Grid:
 def grid_of(
     resolution: int | None, voxel_size: float | None, box: Box, bounds: Box | None = None
 ) -> Grid:
-    """The grid of a scene with the given box, or of its part inside `bounds` where those are given."""
+    """The grid of a scene with the given box, or of its part inside `bounds` where given."""
     low, high = bounds or box
     if resolution is not None:
         return grid_of_resolution(low, high, resolution, box)
@@ -51,13 +51,14 @@ def grid_of(
 
 
 def grid_of_resolution(low: Point, high: Point, resolution: int, scene: Box) -> Grid:
-    """The cube of resolution^3 voxels centred on the box low..high, 2^-10 wider than its largest extent.
+    """The cube of resolution^3 voxels centred on the box, 2^-10 wider than its largest extent.
 
     scene: the box of everything that will be snapped, which may reach beyond low..high.
     """
     if not 1 <= resolution <= MAX_RESOLUTION:
         raise UsageError(
-            f"--resolution {resolution} is out of range", f"give 1 to {MAX_RESOLUTION} voxels per axis"
+            f"--resolution {resolution} is out of range",
+            f"give 1 to {MAX_RESOLUTION} voxels per axis",
         )
     extent = max(h - l for l, h in zip(low, high, strict=True))
     voxel_size = extent * (1 + 2.0**-10) / resolution if extent > 0 else 1.0
@@ -72,16 +73,18 @@ def grid_of_voxel_size(low: Point, high: Point, voxel_size: float, scene: Box) -
         raise UsageError(f"--voxel-size {voxel_size} is out of range", "give a positive length")
     if max(abs(c) for c in (*low, *high)) / voxel_size > 2.0**52:
         raise UsageError(
-            f"--voxel-size {voxel_size} is below the precision of coordinates this far from the origin",
+            f"--voxel-size {voxel_size} is below the precision of coordinates this far out",
             "give a larger voxel size, or move the scene to the origin",
         )
     first = [floor(l / voxel_size) for l in low]
-    last = [floor(h / voxel_size) for h in high]
+    # A point just below a border snaps up to it, into the next voxel.
+    last = [floor(h / voxel_size + 2.0 ** -(MIN_SNAP_BITS + 1)) for h in high]
     resolution = max(b - a + 1 for a, b in zip(first, last, strict=True))
     if resolution > MAX_RESOLUTION:
+        least = max(h - l for l, h in zip(low, high, strict=True)) / (MAX_RESOLUTION - 2)
         raise UsageError(
             f"--voxel-size {voxel_size} needs {resolution} voxels per axis, above {MAX_RESOLUTION}",
-            f"give at least {max(h - l for l, h in zip(low, high, strict=True)) / (MAX_RESOLUTION - 1):.6g}",
+            f"give at least {least:.6g}",
         )
     x, y, z = (a * voxel_size for a in first)
     return _snapped(resolution, voxel_size, (x, y, z), scene)

@@ -17,17 +17,23 @@ class IngestSettings:
     order: str = "file"  # file | spatial
     lz4: str = "fast"  # fast | hc
     chunk_triangles: int = 65_536
-    bounds: tuple[float, float, float, float, float, float] | None = None  # declared box, world units
-    metadata: Mapping[str, str | None] = field(default_factory=dict)  # units, up, crs: only what was given
+    bounds: tuple[float, float, float, float, float, float] | None = (
+        None  # declared box, world units
+    )
+    metadata: Mapping[str, str | None] = field(
+        default_factory=dict
+    )  # units, up, crs: only what was given
 
 
 @dataclass(frozen=True, slots=True)
 class VoxelizeSettings:
-    """`gstream voxelize`: everything that may change a byte of the block file, and the cell size, which may not."""
+    """`gstream voxelize`: all that may change a byte of the block file, and the cell, which may not."""
 
     sep: str = "6"  # 6 | 26 | conservative
     ties: str = "one-sided"  # one-sided | closed
-    resolution: int | None = None  # voxels per axis; exactly one of resolution and voxel_size is given
+    resolution: int | None = (
+        None  # voxels per axis; exactly one of resolution and voxel_size is given
+    )
     voxel_size: float | None = None  # world units
     block: int = 64  # voxels per block edge: a power of two, 8 to 256
     lod: bool = True

@@ -41,10 +41,10 @@ def diagonal_end(voxel: I64, k: int, m: int, c: int, end: int) -> int:
 def prepare_diagonals(tri: I64, plane: I64, k: int, closed: bool, lines: I64, ends: I64) -> None:
     """Thresholds for the four space diagonals.
 
-    lines : (4, 3, 4) i8   out [diagonal, edge, (a, b, c, threshold)]: the diagonal's line passes the
-        edge on the triangle's side iff a*i + b*j + c*l + threshold >= 0
-    ends : (4, 3) i8   out [diagonal, (sign of n.s, low, high)]: plane values of the two ends relative
-        to the voxel's low corner
+    lines : (4, 3, 4) i8   out [diagonal, edge, (a, b, c, threshold)]: the diagonal's line passes
+        the edge on the triangle's side iff a*i + b*j + c*l + threshold >= 0
+    ends : (4, 3) i8   out [diagonal, (sign of n.s, low, high)]: plane values of the two ends
+        relative to the voxel's low corner
     """
     half = np.int64(1) << (k - 1)
     for m in range(4):
@@ -134,8 +134,8 @@ def segment_end(voxel: I64, k: int, r: int, c: int, end: int) -> int:
 def closed_segment_meets(tri: I64, k: int, r: int, voxel: I64) -> bool:
     """Closed ties, triangle parallel to axis r and its plane through the segment: do they meet?
 
-    The separating axes of a box that has shrunk to the segment: its three axes, and the nine crosses
-    with the edges; the caller has tested the plane.
+    The separating axes of a box that has shrunk to the segment: its three axes, and the nine
+    crosses with the edges; the caller has tested the plane.
     """
     for c in range(3):
         if max(tri[0, c], tri[1, c], tri[2, c]) < segment_end(voxel, k, r, c, 0):
@@ -161,7 +161,7 @@ def closed_segment_meets(tri: I64, k: int, r: int, voxel: I64) -> bool:
 
 @part
 def closed_diagonal_meets(tri: I64, plane: I64, k: int, m: int, voxel: I64, value: int) -> bool:
-    """Closed ties, diagonal m parallel to the triangle's plane (or the triangle degenerate): do they meet?
+    """Closed ties, diagonal m parallel to the plane or the triangle degenerate: do they meet?
 
     Both lie in one plane or not at all; then they are compared in a projection that is faithful for
     that plane, by the separating axes of a 2D triangle and a 2D segment.

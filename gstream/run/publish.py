@@ -6,17 +6,18 @@ that whoever sees the name sees the whole file, also after a crash.
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
+from gstream.errors import StoppedError
 from gstream.job import Job, Unit
 
 
 @contextmanager
 def publish(path: str | Path) -> Iterator[BinaryIO]:
-    """Open `path` for writing; it appears, complete and durable, when the block ends without an error."""
+    """Open `path` for writing; it appears, complete and durable, when the block has ended well."""
     path = Path(path)
     wip = path.with_name(path.name + ".wip")
     try:
@@ -60,12 +61,16 @@ class Scratch:
             yield file
 
     def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes:
-        """`length` bytes of a scratch file from `offset` (all the rest when None); short reads raise EOFError."""
+        """`length` bytes of a scratch file from `offset`, all the rest when None.
+
+        errors : EOFError when the file ends before
+        """
         if length is None:
             length = self.size(name) - offset
         data = os.pread(self._open(name).fileno(), length, offset)
         if len(data) != length:
-            raise EOFError(f"{self.folder / name}: wanted {length} bytes at {offset}, got {len(data)}")
+            said = f"wanted {length} bytes at {offset}, got {len(data)}"
+            raise EOFError(f"{self.folder / name}: {said}")
         return data
 
     def _open(self, name: str) -> BinaryIO:
@@ -97,13 +102,22 @@ class Scratch:
             file.write(json.dumps(record, sort_keys=True).encode())
 
     def done(self, unit: Unit) -> dict[str, Any] | None:
-        """The counts of a finished unit; None when it is not done or a file of it is missing or cut."""
+        """The counts of a finished unit; None when not done, or a file of it is missing or cut."""
         try:
             record = json.loads(self.read(_marker(unit)))
             whole = all(self.size(name) == length for name, length in record["files"].items())
         except (FileNotFoundError, ValueError):
             return None
         return dict(record["counts"]) if whole else None
+
+    def finished(self, units: Sequence[Unit]) -> list[dict[str, Any]]:
+        """What each unit counted; StoppedError while any of them is not done."""
+        counts = [(unit, self.done(unit)) for unit in units]
+        missing = [f"{unit.stage}/{unit.name}" for unit, count in counts if count is None]
+        if missing:
+            said = f"{len(missing)} of {len(units)} units are not done, the first is {missing[0]}"
+            raise StoppedError(said, "run the same command again")
+        return [count for _, count in counts if count is not None]
 
 
 def _marker(unit: Unit) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gstream.errors import InputError, StoppedError, UsageError
+from gstream.errors import InputError, UsageError
 from gstream.formats.stream import Attribute, StreamWriter, encode_chunk
 from gstream.formats.stream_chunk import (
     COLOUR,
@@ -77,7 +77,7 @@ def finish(job: Job) -> Summary:
     sources = [_source(mesh) for mesh in meshes]
     sums = dict.fromkeys(COUNTED, 0)
     with Scratch(job) as scratch:
-        for unit, count in zip(units, _finished(scratch, units), strict=True):
+        for unit, count in zip(units, scratch.finished(units), strict=True):
             for key in COUNTED:
                 sums[key] += count[key]
             for key in ("read", "stored", "non_finite", "degenerate"):
@@ -112,16 +112,6 @@ def _mesh(scratch: Scratch, source: int) -> Mesh:
 def _meshes(job: Job) -> list[Mesh]:
     with Scratch(job) as scratch:
         return [_mesh(scratch, source) for source in range(len(_settings(job).inputs))]
-
-
-def _finished(scratch: Scratch, units: list[Unit]) -> list[dict[str, Any]]:
-    """What each unit counted; refuses to go on while any is missing."""
-    counts = [scratch.done(unit) for unit in units]
-    missing = [unit.name for unit, count in zip(units, counts, strict=True) if count is None]
-    if missing:
-        said = f"{len(missing)} of {len(units)} units of {NAME} are missing, first {missing[0]}"
-        raise StoppedError(said, "run the same command again")
-    return [count for count in counts if count is not None]
 
 
 def _part(unit: Unit) -> str:

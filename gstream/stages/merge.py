@@ -5,6 +5,7 @@ Finished blocks are not moved: merging orders their rows, and refuses two blocks
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -31,9 +32,7 @@ def work(job: Job, unit: Unit) -> None:
         names = [f"{SOURCE}/{path.name}" for path in sorted(scratch.path(SOURCE).glob("*.gsp"))]
         parts = []
         for number, name in enumerate(names):
-            rows = read_pile_rows(
-                lambda at, n, name=name: scratch.read(name, at, n), scratch.size(name), name
-            )
+            rows = read_pile_rows(partial(scratch.read, name), scratch.size(name), name)
             rows["pile"] = number
             parts.append(rows)
         merged = np.concatenate(parts)
@@ -71,7 +70,5 @@ def _scene_with_ledger(scratch: Scratch) -> Scene:
 def finish(job: Job) -> Summary:
     """The counts of the one unit."""
     with Scratch(job) as scratch:
-        counts = scratch.done(plan(job)[0])
-    if counts is None:
-        raise RuntimeError(f"the unit of {NAME} is not done")
+        counts = scratch.finished(plan(job))[0]
     return Summary(NAME, counts)

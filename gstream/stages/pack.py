@@ -51,15 +51,13 @@ def work(job: Job, unit: Unit) -> None:
                 kept,
             )
             size = file.tell()
-        scratch.mark_done(unit, _counts(rows, size))
+        scratch.mark_done(unit, _counts(rows, size), (job.output,))
 
 
 def finish(job: Job) -> Summary:
     """The counts of the one unit."""
     with Scratch(job) as scratch:
-        counts = scratch.done(plan(job)[0])
-    if counts is None:
-        raise RuntimeError(f"the unit of {NAME} is not done")
+        counts = scratch.finished(plan(job))[0]
     return Summary(NAME, counts)
 
 

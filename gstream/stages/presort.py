@@ -15,6 +15,7 @@ from gstream.errors import UsageError
 from gstream.formats.cells import SCENE, SEGMENT, SEGMENTS, Scene
 from gstream.formats.stream import StreamReader
 from gstream.formats.stream_chunk import DOMAIN_VERTEX, Chunk
+from gstream.formats.stream_parts import warm_filters
 from gstream.grid import grid_of
 from gstream.job import Job, Summary, Unit
 from gstream.kernels import indexing as fast
@@ -44,7 +45,8 @@ def plan(job: Job) -> list[Unit]:
     reader = StreamReader(job.stream)
     scene = _scene(job, reader).to_json()
     totals = reader.chunks["triangles"].astype(np.int64)
-    units, first, filled = [], 0, 0
+    units: list[Unit] = []
+    first, filled = 0, 0
     for chunk, triangles in enumerate(totals):
         filled += int(triangles)
         if filled >= UNIT_TRIANGLES or chunk == len(totals) - 1:
@@ -85,7 +87,7 @@ def _scene(job: Job, reader: StreamReader) -> Scene:
 def work(job: Job, unit: Unit) -> None:
     """Snap, classify and scatter the triangles of a run of chunks."""
     _, first, last, text = unit.data
-    scene, scratch = Scene.from_json(text), Scratch(job)
+    scene = Scene.from_json(text)
     reader = StreamReader(job.stream, fast)
     corners, extras = _corners(reader, first, last, scene)
     rules = _rules(job, scene)
@@ -94,69 +96,72 @@ def work(job: Job, unit: Unit) -> None:
     counts = np.zeros(8**bits, np.int64)
     sorting = (scene.grid.snap_bits, scene.cell_bits, scene.grid.resolution, rules.closed)
     degenerate = classify(corners, sorting, SPREAD, kinds, counts)
-    name, rows = f"{NAME}/{unit.name}.cells", []
-    with scratch.write(name) as file:
-        cells = np.flatnonzero(counts)
-        offsets = np.cumsum(counts) - counts
-        total = int(counts.sum())
-        packed = np.empty((total, 3), np.uint64)
-        packed_extras = np.empty((total, 3, scene.words), np.uint32)
-        at = 0
-        starts = offsets.copy()
-        scatter(corners, extras, kinds, sorting, SPREAD, offsets, packed, packed_extras)
-        for cell in cells:
-            a, n = int(starts[cell]), int(counts[cell])
-            rows.append((cell, 0, unit.data[0], n, at))
-            at += file.write(packed[a : a + n].tobytes())
-            at += file.write(packed_extras[a : a + n].tobytes())
-        large = np.flatnonzero(kinds == LARGE)
-        for cell, owners in _large_segments(corners, large, rules, scene):
-            rows.append((cell, 1, unit.data[0], len(owners), at))
-            at += file.write(corners[owners].tobytes())
-            at += file.write(extras[owners].tobytes())
-    index = f"{NAME}/{unit.name}.npy"
-    with scratch.write(index) as file:
-        np.save(file, np.array(rows, SEGMENT))
-    fate = _fates(corners, kinds, rules, scene)
+    fates = _fates(corners, kinds, rules, scene)
     counted = {
-        "outside": int(np.count_nonzero(kinds == OUTSIDE)) + fate["outside"],
-        "assigned": fate["assigned"],
-        "unassigned": fate["unassigned"],
+        "outside": int(np.count_nonzero(kinds == OUTSIDE)) + fates["outside"],
+        "assigned": fates["assigned"],
+        "unassigned": fates["unassigned"],
         "degenerate": int(degenerate),
         "triangles": len(corners),
     }
-    scratch.mark_done(unit, counted, (name, index))
+    name, index = f"{NAME}/{unit.name}.cells", f"{NAME}/{unit.name}.npy"
+    rows: list[tuple[int, int, int, int, int]] = []
+    with Scratch(job) as scratch:
+        with scratch.write(name) as file:
+            at = 0
+            small = _small_segments(corners, extras, kinds, counts, sorting)
+            large = _large_segments(corners, np.flatnonzero(kinds == LARGE), rules, scene)
+            for cell, triangles, words in small:
+                rows.append((cell, 0, unit.data[0], len(triangles), at))
+                at += file.write(triangles.tobytes()) + file.write(words.tobytes())
+            for cell, owners in large:
+                rows.append((cell, 1, unit.data[0], len(owners), at))
+                at += file.write(corners[owners].tobytes()) + file.write(extras[owners].tobytes())
+        with scratch.write(index) as file:
+            np.save(file, np.array(rows, SEGMENT))
+        scratch.mark_done(unit, counted, (name, index))
+
+
+def _small_segments(
+    corners: Array, extras: Array, kinds: Array, counts: Array, sorting: tuple[int, int, int, bool]
+) -> Iterator[tuple[int, Array, Array]]:
+    """(cell, packed corners, attribute words) of the small triangles, cell by cell."""
+    starts = np.cumsum(counts) - counts
+    total = int(counts.sum())
+    packed = np.empty((total, 3), np.uint64)
+    words = np.empty((total, 3, extras.shape[2]), np.uint32)
+    scatter(corners, extras, kinds, sorting, SPREAD, starts.copy(), packed, words)
+    for cell in np.flatnonzero(counts):
+        run = slice(int(starts[cell]), int(starts[cell] + counts[cell]))
+        yield int(cell), packed[run], words[run]
 
 
 def finish(job: Job) -> Summary:
     """Publish the index of all segments and the scene."""
-    scratch, units = Scratch(job), plan(job)
-    markers = {unit.name: scratch.done(unit) for unit in units}
-    missing = [name for name, counts in markers.items() if counts is None]
-    if missing:
-        raise RuntimeError(f"units of {NAME} are not done: {', '.join(missing)}")
-    segments = [
-        np.load(scratch.path(f"{NAME}/{unit.name}.npy"), allow_pickle=False) for unit in units
-    ]
-    merged = np.concatenate(segments)
-    merged = merged[np.lexsort((merged["unit"], merged["kind"], merged["cell"]))]
-    with scratch.write(f"{NAME}/{SEGMENTS}") as file:
-        np.save(file, merged)
+    units = plan(job)
     totals = StreamReader(job.stream).totals
-    counts = {key: 0 for key in COUNTS}
-    for counted in markers.values():
-        for key, value in (counted or {}).items():
-            counts[key] += value
-    counts["non_finite"] = sum(int(s.get("non_finite", 0)) for s in totals["sources"])
-    counts["triangles"] += counts["non_finite"]
-    scene = replace(Scene.from_json(units[0].data[3]), counts=counts)
-    with scratch.write(f"{NAME}/{SCENE}") as file:
-        file.write(scene.to_json().encode())
+    counts = dict.fromkeys(COUNTS, 0)
+    with Scratch(job) as scratch:
+        for counted in scratch.finished(units):
+            for key, value in counted.items():
+                counts[key] += value
+        counts["non_finite"] = sum(int(s["non_finite"]) for s in totals["sources"])
+        counts["triangles"] += counts["non_finite"]
+        names = [f"{NAME}/{unit.name}.npy" for unit in units]
+        segments = [np.load(scratch.path(name), allow_pickle=False) for name in names]
+        merged = np.concatenate(segments)
+        merged = merged[np.lexsort((merged["unit"], merged["kind"], merged["cell"]))]
+        with scratch.write(f"{NAME}/{SEGMENTS}") as file:
+            np.save(file, merged)
+        scene = replace(Scene.from_json(units[0].data[3]), counts=counts)
+        with scratch.write(f"{NAME}/{SCENE}") as file:
+            file.write(scene.to_json().encode())
     return Summary(NAME, {**counts, "cells": len(np.unique(merged["cell"]))})
 
 
 def warm() -> None:
     """Compile the kernels of this stage."""
+    warm_filters(fast)
     corners = np.zeros((1, 3, 3), np.int32)
     gather(np.zeros((1, 3), np.uint16), np.zeros((3, 3), np.int64), corners)
     for dtype in (np.float32, np.float64):
@@ -224,7 +229,7 @@ def _words(chunk: Chunk, rows: Array, scene: Scene) -> Array:
 
 
 def _normal_words(chunk: Chunk) -> Array:
-    """(v, 2) u4: the input normals as signed 16-bit components of a unit vector; zero where unusable."""
+    """(v, 2) u4: input normals as 16-bit components of a unit vector; zero where unusable."""
     if chunk.normals is None:
         return np.zeros((len(chunk.positions), 2), np.uint32)
     normals = chunk.normals.astype(np.float64)

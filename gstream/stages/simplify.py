@@ -8,6 +8,7 @@ writer reach the same bytes.
 
 import json
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -85,10 +86,7 @@ def finish(job: Job) -> Summary:
         scene = Scene.from_json(scratch.read(f"{SOURCE}/{SCENE}"))
         columns, depth = _columns(job, scene), _subtree_levels(job, scene)
         names = [f"{NAME}/{unit.name}.gsp" for unit in units]
-        for unit in units:
-            done = scratch.done(unit)
-            if done is None:
-                raise RuntimeError(f"unit {unit.name} of {NAME} is not done")
+        for done in scratch.finished(units):
             counts = {key: counts[key] + done[key] for key in counts}
         parts = [_pile_rows(scratch, name, number) for number, name in enumerate(names)]
         rows = np.concatenate([*parts, np.empty(0, pile_dtype(columns))])
@@ -124,7 +122,7 @@ def warm() -> None:
 
 
 class Tree:
-    """Depth first through one subtree: children before their parent, eight blocks a level in memory."""
+    """Depth first through one subtree: children before parents, eight blocks a level in memory."""
 
     def __init__(
         self, job: Job, scene: Scene, scratch: Scratch, piles: Sequence[str], pile: PileWriter
@@ -137,7 +135,7 @@ class Tree:
         self.blocks = self.voxels = 0
 
     def make(self, rows: Rows, level: int, base: int) -> Block:
-        """The block at `level` above `rows`, which are sorted blocks of level `base` under one key."""
+        """The block at `level` above `rows`: sorted blocks of level `base` under one key."""
         if level == base:
             return self._read(rows[0])
         octants, blocks = [], []
@@ -230,6 +228,6 @@ def _rows(scratch: Scratch, name: str, columns: Sequence[ColumnSpec]) -> Rows:
 
 
 def _pile_rows(scratch: Scratch, name: str, number: int) -> Rows:
-    rows = read_pile_rows(lambda at, n: scratch.read(name, at, n), scratch.size(name), name)
+    rows = read_pile_rows(partial(scratch.read, name), scratch.size(name), name)
     rows["pile"] = number
     return rows

@@ -4,6 +4,7 @@ A unit is a run of cells in Morton order. Triangles stream through a cell; only 
 memory, and a cell whose voxels exceed the budget is filled in eight parts, down to single blocks.
 """
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -26,8 +27,8 @@ from gstream.run.publish import Scratch
 
 NAME = "4-voxelize"
 SOURCE = "3-presort"
-UNIT_TRIANGLES = 1 << 18
-UNIT_CELLS = 64
+UNIT_TRIANGLES = 1 << 17
+UNIT_CELLS = 16
 BATCH_TRIANGLES = 1 << 15  # unpacked at once: 5 MB of corners and channels
 UNIT_BYTES = 64 << 20  # what a unit takes besides the box: batches, one block being encoded
 FACE_BITS = np.uint8(63)
@@ -85,15 +86,11 @@ def work(job: Job, unit: Unit) -> None:
 def finish(job: Job) -> Summary:
     """Sum the counts; the piles are found by merge."""
     with Scratch(job) as scratch:
-        done = {unit.name: scratch.done(unit) for unit in plan(job)}
-    missing = [name for name, counts in done.items() if counts is None]
-    if missing:
-        raise RuntimeError(f"units of {NAME} are not done: {', '.join(missing)}")
-    totals: dict[str, int | float | str] = {}
-    for counts in done.values():
-        for key, value in (counts or {}).items():
-            totals[key] = int(totals.get(key, 0)) + value
-    return Summary(NAME, totals)
+        done = scratch.finished(plan(job))
+    totals = Counter[str]()
+    for counts in done:
+        totals.update(counts)
+    return Summary(NAME, dict(sorted(totals.items())))
 
 
 def warm() -> None:
@@ -236,7 +233,7 @@ def _finish(sums: Array, flags: Array, colours: bool, normals: bool, bits: int) 
 
 
 def _channels(words: Array, scene: Scene) -> Array:
-    """(n, 3, channels) f8 of the corners' attribute words: linear R, G, B, alpha, then the normal."""
+    """(n, 3, channels) f8 of the attribute words: linear R, G, B and alpha, then the normal."""
     values = np.empty((*words.shape[:2], scene.channels))
     at = 0
     if scene.colours:
