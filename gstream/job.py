@@ -27,7 +27,7 @@ class IngestSettings:
 
 @dataclass(frozen=True, slots=True)
 class VoxelizeSettings:
-    """`gstream voxelize`: all that may change a byte of the block file, and the cell, which may not."""
+    """`gstream voxelize`: all that may change a byte of the file, and the cell, which may not."""
 
     sep: str = "6"  # 6 | 26 | conservative
     ties: str = "one-sided"  # one-sided | closed
