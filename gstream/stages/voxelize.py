@@ -31,6 +31,7 @@ UNIT_TRIANGLES = 1 << 17
 UNIT_CELLS = 16
 BATCH_TRIANGLES = 1 << 15  # unpacked at once: 5 MB of corners and channels
 UNIT_BYTES = 64 << 20  # what a unit takes besides the box: batches, one block being encoded
+LEAST_BOX_BYTES = 16 << 20  # a full block of 64^3 voxels with colours
 FACE_BITS = np.uint8(63)
 
 Array = NDArray[Any]
@@ -117,7 +118,7 @@ class Filling:
         self.cell = int(segments["cell"][0])
         self.low = compact(np.array([self.cell], np.uint32))[0] << scene.cell_bits
         self.room = np.minimum(scene.grid.resolution - self.low, 1 << scene.cell_bits)
-        self.limit_bytes = max((job.worker_memory - UNIT_BYTES) // 2, 16 << 20)
+        self.limit_bytes = max((job.worker_memory - UNIT_BYTES) // 2, LEAST_BOX_BYTES)
         self.rules = Rules(
             scene.grid.snap_bits,
             self.settings.sep,

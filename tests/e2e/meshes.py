@@ -38,3 +38,21 @@ def write_ply(path: Path, points: Floats, triangles: Ints) -> Path:
     faces["n"], faces["v"] = 3, triangles
     path.write_bytes(header.encode() + points.astype("<f4").tobytes() + faces.tobytes())
     return path
+
+
+def write_coloured_ply(
+    path: Path, points: Floats, colours: NDArray[np.uint8], triangles: Ints
+) -> Path:
+    """Binary little-endian PLY with double positions and RGB vertex colours."""
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+        "property double x\nproperty double y\nproperty double z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+        f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    vertices = np.empty(len(points), [("p", "<f8", 3), ("c", "u1", 3)])
+    vertices["p"], vertices["c"] = points, colours
+    faces = np.empty(len(triangles), [("n", "u1"), ("v", "<i4", 3)])
+    faces["n"], faces["v"] = 3, triangles
+    path.write_bytes(header.encode() + vertices.tobytes() + faces.tobytes())
+    return path
