@@ -63,7 +63,7 @@ def check(path: str, quick: bool, as_json: bool, quiet: bool) -> int:
         click.echo(f"{path}: {report.format}{how}: {'valid' if report.ok else 'INVALID'}")
     if report.ok:
         return 0
-    rules = ", ".join(sorted(report.counts))
+    rules = ", ".join(sorted({f.rule for f in report.findings if f.severity == "error"}))
     said = f"gstream: {path}: {report.errors} errors against {rules}; rebuild or recopy the file"
     click.echo(said, err=True)
     return CorruptFileError.exit_code
@@ -87,6 +87,9 @@ def check(path: str, quick: bool, as_json: bool, quiet: bool) -> int:
     help="three-quarter, front, right, back, left, top, bottom, or AZIMUTH,ELEVATION in degrees.",
 )
 @click.option("--level", type=click.IntRange(min=0), help="Level to draw.  [default: as it fits]")
+@click.option(
+    "--up", type=click.Choice(["y", "z"]), help="Axis that points up.  [default: the file's, or z]"
+)
 @click.option("--force", is_flag=True, help="Replace the picture if it exists.")
 @options.quiet
 def preview(
@@ -95,6 +98,7 @@ def preview(
     size: tuple[int, int],
     view: str,
     level: int | None,
+    up: str | None,
     force: bool,
     quiet: bool,
 ) -> None:
@@ -105,11 +109,12 @@ def preview(
     \b
     gstream preview scan.gsb -o scan.png
     gstream preview scan.gsb -o top.png --view top --size 1920x1080
+    gstream preview scan.gsb -o scan.png --up y --view 30,15
     """
     from gstream.preview import render
 
     check_paths((path,), output, RunOptions(force=force))
-    drawn = render(path, output, size, view, level)
+    drawn = render(path, output, size, view, level, up=up)
     if not quiet:
         click.echo(
             f"{output}: {drawn.width}x{drawn.height}, level {drawn.level}, "

@@ -70,7 +70,7 @@ def open(path: str | os.PathLike[str]) -> BlockFile:
 def check(path: str | os.PathLike[str], *, quick: bool = False) -> Report:
     """Check a block file or a geometry stream against the spec; `quick` = structure and indexes.
 
-    returns : a report whose `findings` are empty where all is well
+    returns : a report; `ok` where no rule is broken, `findings` with every error and note
     """
     from gstream.check import check_file
 
