@@ -94,9 +94,7 @@ def moments_of(x: F64, y: F64, count: int) -> tuple[float, float]:
 
 
 @part
-def cut_below(
-    x: F64, y: F64, heights: F64, count: int, at: float, out_x: F64, out_y: F64
-) -> int:
+def cut_below(x: F64, y: F64, heights: F64, count: int, at: float, out_x: F64, out_y: F64) -> int:
     """Keep the part of a polygon whose height is at most `at`; returns its corner count, or 0.
 
     heights : height of the surface over each corner

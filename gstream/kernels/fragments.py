@@ -25,6 +25,15 @@ from gstream.kernels.overlap import (
     prepare_normal,
     prepare_plane,
 )
+from gstream.kernels.small import (
+    CELLS,
+    EDGE,
+    cover_small,
+    load_small,
+    plane_limits,
+    test_projection,
+    write_small,
+)
 from gstream.kernels.targets import meets_centre_lines, meets_diagonals, prepare_diagonals
 
 I64 = NDArray[np.int64]
@@ -199,7 +208,7 @@ def emit(
     edges = np.empty((3, 3, 3), np.int64)
     centres = np.empty((3, 3), np.int64)
     lines = np.empty((4, 3, 4), np.int64)
-    ends = np.empty((4, 3), np.int64)
+    ends_26 = np.empty((4, 3), np.int64)
     voxel = np.empty(3, np.int64)
     whole_u, whole_v = np.empty(3), np.empty(3)
     strip_u, strip_v = np.empty(CORNERS), np.empty(CORNERS)
@@ -208,7 +217,62 @@ def emit(
     heights = np.empty(CORNERS)
     gradients = np.empty((values.shape[2], 5))
     count = 0
+    outside = np.empty((3, EDGE * EDGE), np.int64)
+    place, cell = np.empty((3, 3)), np.empty((3, 3), np.int64)
+    cover = np.zeros((CELLS, 2))
+    ends, squares = np.empty((2, EDGE, 2)), np.empty((2, EDGE, 2), np.int64)
+    cells = np.empty(keys.shape[0], np.uint8)
     while t < corners.shape[0]:
+        turn = 0 if has_channels else load_small(corners[t], k, closed, tri, box)
+        if turn != 0:
+            if count + CELLS > keys.shape[0]:
+                return t, -1, count
+            x0, x1 = max(0, -box[0, 0]), min(box[2, 0], room[0] - 1 - box[0, 0])
+            y0, y1 = max(0, -box[0, 1]), min(box[2, 1], room[1] - 1 - box[0, 1])
+            z0, z1 = max(0, -box[0, 2]), min(box[2, 2], room[2] - 1 - box[0, 2])
+            if x0 <= x1 and y0 <= y1 and z0 <= z1:
+                prepare_normal(tri, plane)
+                masks[t] = face_mask(plane, turn, both)
+                length = unit_normal(plane, turn, normals[t])
+                w = dominant_axis(plane, box)
+                u, v = (w + 1) % 3, (w + 2) % 3
+                factor = 0.0
+                if plane[w] != 0:
+                    factor = AREA_UNITS * length / abs(np.float64(plane[w]))
+                test_projection(tri, plane, k, closed, 0, 1, 2, y0, y1, outside)
+                test_projection(tri, plane, k, closed, 1, 2, 0, z0, z1, outside)
+                test_projection(tri, plane, k, closed, 2, 0, 1, x0, x1, outside)
+                above, below = plane_limits(tri, plane, k, closed)
+                cover_small(tri, k, box, u, v, w, place, cell, cover, ends, squares)
+                start = count
+                count = write_small(
+                    t, plane, box, u, v, w, above, below, factor, outside, cover, spread,
+                    count, keys, owners, hits, areas, cells,
+                )  # fmt: skip
+                if mode == CONSERVATIVE:
+                    assigned[t] |= count > start
+                else:
+                    prepare_plane(tri, k, closed, box[1], plane)
+                    prepare_edges(tri, plane, k, closed, edges, centres)
+                    if mode == TWENTY_SIX:
+                        prepare_diagonals(tri, plane, k, closed, lines, ends_26)
+                    for f in range(start, count):
+                        voxel[u] = cells[f] & 3
+                        voxel[v] = (cells[f] >> 2) & 3
+                        voxel[w] = cells[f] >> 4
+                        value = plane[0] * voxel[0] + plane[1] * voxel[1] + plane[2] * voxel[2]
+                        if mode == SIX:
+                            hit = meets_centre_lines(
+                                tri, plane, edges, centres, k, closed, voxel, value
+                            )
+                        else:
+                            hit = meets_diagonals(
+                                tri, plane, lines, ends_26, k, closed, voxel, value
+                            )
+                        hits[f] = hit
+                        assigned[t] |= hit
+            t, slab = t + 1, -1
+            continue
         turn = load_triangle(corners[t], k, closed, tri, box, order)
         if not clip_to_room(box, room):
             t, slab = t + 1, -1
@@ -220,7 +284,7 @@ def emit(
         prepare_plane(tri, k, closed, box[1], plane)
         prepare_edges(tri, plane, k, closed, edges, centres)
         if mode == TWENTY_SIX:
-            prepare_diagonals(tri, plane, k, closed, lines, ends)
+            prepare_diagonals(tri, plane, k, closed, lines, ends_26)
         w = dominant_axis(plane, box)
         u, v = (w + 1) % 3, (w + 2) % 3
         length = unit_normal(plane, turn, normals[t])
@@ -358,7 +422,7 @@ def emit(
                             )
                         else:
                             hit = meets_diagonals(
-                                tri, plane, lines, ends, k, closed, voxel, value
+                                tri, plane, lines, ends_26, k, closed, voxel, value
                             )
                     assigned[t] |= hit
                     keys[count] = (

@@ -1,4 +1,4 @@
-"""Exact overlap of a triangle with voxels and their targets: thresholds for integer separating axes.
+"""Exact overlap of a triangle with voxels and their targets: thresholds for integer tests.
 
 All coordinates are int64 snap units (2^-k voxel) in the triangle's own frame: relative to the low
 corner of the lowest voxel of its box. A test is `A*i + B*j + threshold >= 0` on voxel indices: the
@@ -6,12 +6,11 @@ division by 2^k is done once, in the threshold, by a floor that loses nothing (v
 multiples of 2^k). Tie rule `one-sided`: the surface is shifted by an infinitesimal (e1 >> e2 >> e3
 > 0), so an axis value of exactly 0 takes the sign of the axis' first non-zero component.
 
-Bits: extents up to 2^26, normals up to 2^52. Plane values are taken relative to the low voxel of the
-window being filled (at most 256^3 voxels): that one value is summed modulo 2^64 in uint64, where
-wrapping is defined (signed overflow is not, and LLVM uses that), and is exact once
+Bits: extents up to 2^26, normals up to 2^52. Plane values are taken relative to the low voxel of
+the window being filled (at most 256^3 voxels): that one value is summed modulo 2^64 in uint64,
+where wrapping is defined (signed overflow is not, and LLVM uses that), and is exact once
 `plane_out_of_reach` has shown that it is below 2^62; inside the window nothing reaches 2^63.
 
-Source: Akenine-Moeller 2001 (separating axes), Laine 2013 (targets), numerics.md section 1 and 2.
 """
 
 import numpy as np
@@ -63,7 +62,7 @@ def prepare_normal(tri: I64, plane: I64) -> None:
 
 @part
 def plane_out_of_reach(plane: I64, tri: I64, k: int, low: I64) -> bool:
-    """True when the plane is so far from voxel `low` that it cannot enter the 256^3 voxels above it.
+    """True when the plane is so far from voxel `low` that it misses the 256^3 voxels above it.
 
     A float64 estimate with an error below 2^20 against a margin of 2^60: it decides nothing that is
     near. Where it is False, the plane values of the window are below 2^63.
