@@ -282,8 +282,11 @@ def _undo_delta(
     filters.undo_delta_planes(planes, bases, ordered, bits)
 
 
-def warm_filters(filters: Filters) -> None:
-    """Pack and unpack small chunks of every kind, so that compiled filters are compiled."""
+def warm_filters(filters: Filters, *, packing: bool = True) -> None:
+    """Pack and unpack small chunks of every kind, so that compiled filters are compiled.
+
+    packing : False where chunks are only read: packing is then done by the plain filters
+    """
     corners = np.arange(192, dtype=np.uint16)
     strip = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
     strip[1::2] = strip[1::2, [1, 0, 2]]
@@ -294,4 +297,5 @@ def warm_filters(filters: Filters) -> None:
         points[0] = 1
         for triangles in (None, corners.reshape(-1, 3), strip):
             chunk = Chunk(points, triangles, points.astype(np.float32), colours)
-            decode_chunk(encode_chunk(chunk, "fast", filters), "", 0, filters=filters)
+            packed = encode_chunk(chunk, "fast", filters if packing else stream_filters)
+            decode_chunk(packed, "", 0, filters=filters)

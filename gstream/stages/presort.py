@@ -161,7 +161,7 @@ def finish(job: Job) -> Summary:
 
 def warm() -> None:
     """Compile the kernels of this stage."""
-    warm_filters(fast)
+    warm_filters(fast, packing=False)
     corners = np.zeros((1, 3, 3), np.int32)
     gather(np.zeros((1, 3), np.uint16), np.zeros((3, 3), np.int64), corners)
     for dtype in (np.float32, np.float64):
