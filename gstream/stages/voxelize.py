@@ -19,9 +19,9 @@ from gstream.formats.pile import PileWriter
 from gstream.formats.rows import pipeline_columns, tight_bounds
 from gstream.job import Job, Summary, Unit
 from gstream.kernels import filters as fast
-from gstream.kernels.accumulate import AREA, CHANNELS, HIT, VECTOR
 from gstream.kernels.lod import finish_voxels
 from gstream.kernels.presort import unpack, within
+from gstream.kernels.select import select_kept
 from gstream.kernels.voxelize import Box, BoxFullError, Rules, compact
 from gstream.run.publish import Scratch
 
@@ -32,7 +32,6 @@ UNIT_CELLS = 16
 BATCH_TRIANGLES = 1 << 15  # unpacked at once: 5 MB of corners and channels
 UNIT_BYTES = 64 << 20  # what a unit takes besides the box: batches, one block being encoded
 LEAST_BOX_BYTES = 16 << 20  # a full block of 64^3 voxels with colours
-FACE_BITS = np.uint8(63)
 
 Array = NDArray[Any]
 
@@ -101,8 +100,11 @@ def warm() -> None:
     for channels in (0, 4):
         box = Box(Rules(12, "6", False, False), 8, channels)
         box.add(corners, np.zeros((1, 3, channels)))
-        rows, _ = box.collect(0, 1)
-        _finish(box.sums[rows], box.flags[rows], channels == 4, False, 11)
+        rows, codes = box.collect(0, 1)
+        _, area, vector, colour, mask, _, _ = select_kept(
+            rows, codes, box.sums, box.flags, channels == 4, False
+        )
+        finish_voxels(area, vector, colour, mask, 11, COLOUR_TABLES)
     unpack(np.zeros((1, 3), np.uint64), 0, np.zeros(3, np.int64), corners)
     within(corners, 12, False, np.zeros(3, np.int64), np.ones(3, np.int64), np.zeros(1, np.bool_))
 
@@ -204,33 +206,21 @@ class Filling:
 
     def _block(self, box: Box, part: int, parts: int) -> Block | None:
         rows, codes = box.collect(part, parts)
-        sums, flags = box.sums[rows], box.flags[rows]
-        kept = (flags & HIT) != 0
-        area = sums[:, AREA]
-        self.counts["area_total"] += int(area.sum())
-        self.counts["area_pruned"] += int(area[~kept].sum())
-        if not kept.any():
+        if not len(rows):
             return None
-        if not kept.all():
-            sums, flags, codes = sums[kept], flags[kept], codes[kept]
+        codes, area, vector, colour, mask, total, pruned = select_kept(
+            rows, codes, box.sums, box.flags, self.scene.colours, self.scene.normals
+        )
+        self.counts["area_total"] += int(total)
+        self.counts["area_pruned"] += int(pruned)
         self.counts["voxels"] += len(codes)
-        mask, normal, colour, weight = _finish(
-            sums, flags, self.scene.colours, self.scene.normals, self.settings.normal_bits
+        if not len(codes):
+            return None
+        bits = self.settings.normal_bits
+        mask, normal, colour, weight = finish_voxels(
+            area, vector, colour, mask, bits, COLOUR_TABLES
         )
         return Block(codes, mask, normal, colour if self.scene.colours else None, weight)
-
-
-def _finish(sums: Array, flags: Array, colours: bool, normals: bool, bits: int) -> Any:
-    vector = sums[:, -3:] if normals else sums[:, VECTOR:CHANNELS]
-    colour = sums[:, CHANNELS : CHANNELS + 4] if colours else np.empty((0, 4), np.int64)
-    return finish_voxels(
-        np.ascontiguousarray(sums[:, AREA]),
-        np.ascontiguousarray(vector),
-        np.ascontiguousarray(colour),
-        flags & FACE_BITS,
-        bits,
-        COLOUR_TABLES,
-    )
 
 
 def _channels(words: Array, scene: Scene) -> Array:
