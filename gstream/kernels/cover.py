@@ -19,106 +19,122 @@ I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
 
 ROW = 4  # voxels along u of a box of `cover`
-NEVER = 2.0  # a step that is not made: beyond the end of the walk
-LATE = 2.0**-40  # downward steps onto the lattice come after upward ones, and never at the end
+LATE = 2.0**-40  # crossings come late, so that no walk to the lattice enters the voxel beyond
 
 
 @part
-def walk_edge(
-    place: F64, cell: I64, a: int, b: int, columns: int, cover: F64, ends: F64, squares: I64
-) -> None:
-    """Add the triangle's edge from corner a to corner b; note where it crosses levels.
+def walk_outline(place: F64, cell: I64, columns: int, cover: F64) -> None:
+    """Add the triangle's three edges, side by side: alone, each would wait for its own results.
 
     place : (3, 3) f8   corners along u, v, w
     cell : (3, 3) i8   their voxels, floor of `place`
     columns : rows of squares in a layer
-    cover : (voxels, 2) f8   own area and area of all that follow in the row, added to
-    ends : (2, levels, 2) f8   out: u, v of the upward (0) and downward (1) crossing of a level
-    squares : (2, levels, 2) i8   out: i, j there; level 0 takes what is not needed
+    cover : (2 * voxels,) f8   own area and area of all that follow in the row, added to
     """
-    u, v = place[a, 0], place[a, 1]
-    du, dv, dw = place[b, 0] - u, place[b, 1] - v, place[b, 2] - place[a, 2]
-    i, j, l = cell[a, 0], cell[a, 1], cell[a, 2]
-    per_u, per_v, per_w = 1.0 / du, 1.0 / dv, 1.0 / dw
-    step_u, step_v, step_w = np.int64(1), np.int64(1), np.int64(1)
-    next_u, next_v = (i + 1 - u) * per_u, (j + 1 - v) * per_v
-    next_w = (l + 1 - place[a, 2]) * per_w
-    if du < 0.0:
-        step_u, next_u = np.int64(-1), (i - u) * per_u + LATE
-    if dv < 0.0:
-        step_v, next_v = np.int64(-1), (j - v) * per_v + LATE
-    if dw < 0.0:
-        step_w, next_w = np.int64(-1), (l - place[a, 2]) * per_w + LATE
-    per_u, per_v, per_w = abs(per_u), abs(per_v), abs(per_w)
-    down = np.int64(dw < 0.0)
-    steps = abs(cell[b, 0] - i) + abs(cell[b, 1] - j) + abs(cell[b, 2] - l)
-    at = 0.0
-    for _ in range(steps):
-        to = min(min(next_u, next_v), min(next_w, 1.0))
-        rise = (to - at) * dv
-        row = (l * columns + j) * ROW + i
-        cover[row, 0] += rise * (i + 1 - (u + 0.5 * (at + to) * du))
-        cover[row, 1] += rise
-        first_u = (next_u <= next_v) & (next_u <= next_w)
-        first_v = (next_v <= next_w) & (not first_u)
-        first_w = not (first_u | first_v)
-        i += step_u if first_u else 0
-        j += step_v if first_v else 0
-        level = max(l, l + step_w) if first_w else 0
-        l += step_w if first_w else 0
-        next_u += per_u if first_u else 0.0
-        next_v += per_v if first_v else 0.0
-        next_w += per_w if first_w else 0.0
-        ends[down, level, 0] = u + to * du
-        ends[down, level, 1] = v + to * dv
-        squares[down, level, 0] = i
-        squares[down, level, 1] = j
-        at = to
-    rise = (1.0 - at) * dv
-    row = (l * columns + j) * ROW + i
-    cover[row, 0] += rise * (i + 1 - (u + 0.5 * (at + 1.0) * du))
-    cover[row, 1] += rise
+    u0, v0, w0 = place[0, 0], place[0, 1], place[0, 2]
+    u1, v1, w1 = place[1, 0], place[1, 1], place[1, 2]
+    u2, v2, w2 = place[2, 0], place[2, 1], place[2, 2]
+    i0, j0, l0 = cell[0, 0], cell[0, 1], cell[0, 2]
+    i1, j1, l1 = cell[1, 0], cell[1, 1], cell[1, 2]
+    i2, j2, l2 = cell[2, 0], cell[2, 1], cell[2, 2]
+    layer = columns * ROW
+    nu0, eu0, su0 = crossings(u0, u1 - u0, i0, 1)
+    nv0, ev0, sv0 = crossings(v0, v1 - v0, j0, ROW)
+    nw0, ew0, sw0 = crossings(w0, w1 - w0, l0, layer)
+    nu1, eu1, su1 = crossings(u1, u2 - u1, i1, 1)
+    nv1, ev1, sv1 = crossings(v1, v2 - v1, j1, ROW)
+    nw1, ew1, sw1 = crossings(w1, w2 - w1, l1, layer)
+    nu2, eu2, su2 = crossings(u2, u0 - u2, i2, 1)
+    nv2, ev2, sv2 = crossings(v2, v0 - v2, j2, ROW)
+    nw2, ew2, sw2 = crossings(w2, w0 - w2, l2, layer)
+    row0, row1, row2 = (
+        l0 * layer + j0 * ROW + i0,
+        l1 * layer + j1 * ROW + i1,
+        l2 * layer + j2 * ROW + i2,
+    )
+    right0, right1, right2 = i0 + 1 - u0, i1 + 1 - u1, i2 + 1 - u2
+    at0, at1, at2 = 0.0, 0.0, 0.0
+    while min(at0, at1, at2) < 1.0:
+        row0, right0, at0, nu0, nv0, nw0 = advance(
+            row0, right0, at0, nu0, nv0, nw0, u1 - u0, v1 - v0, eu0, ev0, ew0, su0, sv0, sw0, cover
+        )
+        row1, right1, at1, nu1, nv1, nw1 = advance(
+            row1, right1, at1, nu1, nv1, nw1, u2 - u1, v2 - v1, eu1, ev1, ew1, su1, sv1, sw1, cover
+        )
+        row2, right2, at2, nu2, nv2, nw2 = advance(
+            row2, right2, at2, nu2, nv2, nw2, u0 - u2, v0 - v2, eu2, ev2, ew2, su2, sv2, sw2, cover
+        )
 
 
 @part
-def walk_level(level: int, columns: int, cover: F64, ends: F64, squares: I64) -> None:
-    """Add the segment between two layers, from where the outline goes up to where it comes down."""
-    u, v = ends[0, level, 0], ends[0, level, 1]
-    du, dv = ends[1, level, 0] - u, ends[1, level, 1] - v
-    i, j = squares[0, level, 0], squares[0, level, 1]
-    left_u, left_v = squares[1, level, 0] - i, squares[1, level, 1] - j
-    per_u = 1.0 / du if du != 0.0 else 0.0
-    per_v = 1.0 / dv if dv != 0.0 else 0.0
-    step_u = np.int64(1) if left_u > 0 else np.int64(-1)
-    step_v = np.int64(1) if left_v > 0 else np.int64(-1)
-    next_u = (i + (1 if left_u > 0 else 0) - u) * per_u if left_u != 0 else NEVER
-    next_v = (j + (1 if left_v > 0 else 0) - v) * per_v if left_v != 0 else NEVER
-    per_u, per_v = abs(per_u), abs(per_v)
-    left_u, left_v = abs(left_u), abs(left_v)
-    at, layer = 0.0, columns * ROW
-    for _ in range(left_u + left_v):
-        # Crossings are rounded, so that they may lie beyond the segment's ends by a bit.
-        to = max(min(min(next_u, next_v), 1.0), at)
-        rise = (to - at) * dv
-        own = rise * (i + 1 - (u + 0.5 * (at + to) * du))
-        row = ((level - 1) * columns + j) * ROW + i
-        cover[row, 0] += own
-        cover[row, 1] += rise
-        cover[row + layer, 0] -= own
-        cover[row + layer, 1] -= rise
-        if next_u <= next_v:
-            i += step_u
-            left_u -= 1
-            next_u = next_u + per_u if left_u > 0 else NEVER
-        else:
-            j += step_v
-            left_v -= 1
-            next_v = next_v + per_v if left_v > 0 else NEVER
+def crossings(start: float, extent: float, cell: int, stride: int) -> tuple[float, float, int]:
+    """Of a walk along one axis: part of it before the first lattice line and between two, step."""
+    up = 1.0 if extent >= 0.0 else 0.0
+    each = 1.0 / extent
+    return (cell - start + up) * each + LATE, abs(each), stride if extent >= 0.0 else -stride
+
+
+@part
+def advance(
+    row: int, right: float, at: float, next_u: float, next_v: float, next_w: float,
+    du: float, dv: float, each_u: float, each_v: float, each_w: float,
+    step_u: int, step_v: int, step_w: int, cover: F64,
+) -> tuple[int, float, float, float, float, float]:  # fmt: skip
+    """Add the piece of an edge up to the next lattice plane, and step over it.
+
+    Selects, not branches: which axis comes next cannot be predicted. At the end nothing changes.
+    """
+    to = min(min(next_u, next_v), min(next_w, 1.0))
+    rise = (to - at) * dv
+    here = np.uint64(row + row)
+    cover[here] += rise * (right - 0.5 * (at + to) * du)
+    cover[here + np.uint64(1)] += rise
+    row += step_u if next_u <= to else 0
+    row += step_v if next_v <= to else 0
+    row += step_w if next_w <= to else 0
+    right += np.float64(step_u) if next_u <= to else 0.0
+    next_u += each_u if next_u <= to else 0.0
+    next_v += each_v if next_v <= to else 0.0
+    next_w += each_w if next_w <= to else 0.0
+    return row, right, to, next_u, next_v, next_w
+
+
+@part
+def walk_level(place: F64, cell: I64, level: int, columns: int, cover: F64) -> None:
+    """Add the segment between layers level - 1 and level."""
+    high_0, high_1, high_2 = cell[0, 2] >= level, cell[1, 2] >= level, cell[2, 2] >= level
+    # The corner alone on its side, the one before and the one after.
+    odd = 0 if high_1 == high_2 else (1 if high_0 == high_2 else 2)
+    before, after = (odd + 2) % 3, (odd + 1) % 3
+    u, v = crossing_point(place, before, odd, level)
+    end_u, end_v = crossing_point(place, odd, after, level)
+    du, dv = end_u - u, end_v - v
+    signed = dv if cell[odd, 2] >= level else -dv
+    i, j = np.int64(u), np.int64(v)
+    next_u, each_u, step_u = crossings(u, du, i, 1)
+    next_v, each_v, step_v = crossings(v, dv, j, ROW)
+    layer = np.uint64(2 * columns * ROW)
+    row, right, at = ((level - 1) * columns + j) * ROW + i, i + 1 - u, 0.0
+    while at < 1.0:
+        to = min(min(next_u, next_v), 1.0)
+        rise = (to - at) * signed
+        own = rise * (right - 0.5 * (at + to) * du)
+        here = np.uint64(row + row)
+        cover[here] += own
+        cover[here + np.uint64(1)] += rise
+        cover[here + layer] -= own
+        cover[here + layer + np.uint64(1)] -= rise
+        row += step_u if next_u <= to else 0
+        row += step_v if next_v <= to else 0
+        right += np.float64(step_u) if next_u <= to else 0.0
+        next_u += each_u if next_u <= to else 0.0
+        next_v += each_v if next_v <= to else 0.0
         at = to
-    rise = (1.0 - at) * dv
-    own = rise * (i + 1 - (u + 0.5 * (at + 1.0) * du))
-    row = ((level - 1) * columns + j) * ROW + i
-    cover[row, 0] += own
-    cover[row, 1] += rise
-    cover[row + layer, 0] -= own
-    cover[row + layer, 1] -= rise
+
+
+@part
+def crossing_point(place: F64, a: int, b: int, level: int) -> tuple[float, float]:
+    """(u, v) where the edge from corner a to corner b crosses a level."""
+    t = (level - place[a, 2]) / (place[b, 2] - place[a, 2])
+    u = place[a, 0] + t * (place[b, 0] - place[a, 0])
+    return u, place[a, 1] + t * (place[b, 1] - place[a, 1])

@@ -217,11 +217,9 @@ def emit(
     heights = np.empty(CORNERS)
     gradients = np.empty((values.shape[2], 5))
     count = 0
-    outside = np.empty((3, EDGE * EDGE), np.int64)
+    outside = np.empty(3 * EDGE * EDGE, np.int64)
     place, cell = np.empty((3, 3)), np.empty((3, 3), np.int64)
-    cover = np.zeros((CELLS, 2))
-    ends, squares = np.empty((2, EDGE, 2)), np.empty((2, EDGE, 2), np.int64)
-    cells = np.empty(keys.shape[0], np.uint8)
+    cover = np.empty(2 * CELLS)
     while t < corners.shape[0]:
         turn = 0 if has_channels else load_small(corners[t], k, closed, tri, box)
         if turn != 0:
@@ -243,23 +241,29 @@ def emit(
                 test_projection(tri, plane, k, closed, 1, 2, 0, z0, z1, outside)
                 test_projection(tri, plane, k, closed, 2, 0, 1, x0, x1, outside)
                 above, below = plane_limits(tri, plane, k, closed)
-                cover_small(tri, k, box, u, v, w, place, cell, cover, ends, squares)
+                cover_small(tri, k, box, u, v, w, place, cell, cover)
                 start = count
-                count = write_small(
-                    t, plane, box, u, v, w, above, below, factor, outside, cover, spread,
-                    count, keys, owners, hits, areas, cells,
+                count = np.int64(
+                    write_small(
+                        plane, box, u, v, w, above, below, factor, outside, cover, spread,
+                        np.uint64(count), keys, owners, areas,
+                    )
                 )  # fmt: skip
                 if mode == CONSERVATIVE:
                     assigned[t] |= count > start
+                    owners[start:count] = t
+                    hits[start:count] = True
                 else:
                     prepare_plane(tri, k, closed, box[1], plane)
                     prepare_edges(tri, plane, k, closed, edges, centres)
                     if mode == TWENTY_SIX:
                         prepare_diagonals(tri, plane, k, closed, lines, ends_26)
                     for f in range(start, count):
-                        voxel[u] = cells[f] & 3
-                        voxel[v] = (cells[f] >> 2) & 3
-                        voxel[w] = cells[f] >> 4
+                        place_in_box = np.int64(owners[f])
+                        owners[f] = t
+                        voxel[u] = place_in_box & 3
+                        voxel[v] = (place_in_box >> 2) & 3
+                        voxel[w] = place_in_box >> 4
                         value = plane[0] * voxel[0] + plane[1] * voxel[1] + plane[2] * voxel[2]
                         if mode == SIX:
                             hit = meets_centre_lines(

@@ -11,6 +11,7 @@ the window being filled (at most 256^3 voxels): that one value is summed modulo 
 where wrapping is defined (signed overflow is not, and LLVM uses that), and is exact once
 `plane_out_of_reach` has shown that it is below 2^62; inside the window nothing reaches 2^63.
 
+Source: Akenine-Moeller 2001 (separating axes), Laine 2013 (targets), numerics.md section 1 and 2.
 """
 
 import numpy as np

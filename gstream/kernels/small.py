@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.kernels import part
-from gstream.kernels.cover import walk_edge, walk_level
+from gstream.kernels.cover import walk_level, walk_outline
 from gstream.kernels.overlap import (
     N_NEGATIVE,
     N_POSITIVE,
@@ -108,7 +108,7 @@ def test_projection(
     """Words of the box's squares seen along axis r: negative beyond an edge or outside the window.
 
     low, high : first and last voxel of the window along p
-    outside : (3, 16) i8   out: row r, at 4 * (voxel along q) + (voxel along p)
+    outside : (48,) i8   out: at 16 * r + 4 * (voxel along q) + (voxel along p)
     """
     if plane[r] == 0:  # a segment: two opposite half planes
         edge = longest_edge(tri, p, q)
@@ -121,10 +121,11 @@ def test_projection(
         a0, b0, c0 = half_plane(tri, 0, 1, turn, k, closed, r, p, q)
         a1, b1, c1 = half_plane(tri, 1, 2, turn, k, closed, r, p, q)
         a2, b2, c2 = half_plane(tri, 2, 0, turn, k, closed, r, p, q)
+    start = r * EDGE * EDGE
     for j in range(EDGE):
         for i in range(EDGE):
             edges = (a0 * i + c0) | (a1 * i + c1) | (a2 * i + c2)
-            outside[r, EDGE * j + i] = edges | (i - low) | (high - i)
+            outside[np.uint64(start + EDGE * j + i)] = edges | (i - low) | (high - i)
         c0 += b0
         c1 += b1
         c2 += b2
@@ -133,64 +134,61 @@ def test_projection(
 @part
 def cover_small(
     tri: I64, k: int, box: I64, u: int, v: int, w: int,
-    place: F64, cell: I64, cover: F64, ends: F64, squares: I64,
+    place: F64, cell: I64, cover: F64,
 ) -> None:  # fmt: skip
-    """Areas of a triangle in the voxels of its box, seen along w, into `cover` (0 before)."""
+    """Areas of a triangle in the voxels of its box, seen along w, into `cover`."""
     scale = 1.0 / (1 << k)
     for a in range(3):
         place[a, 0], cell[a, 0] = tri[a, u] * scale, tri[a, u] >> k
         place[a, 1], cell[a, 1] = tri[a, v] * scale, tri[a, v] >> k
         place[a, 2], cell[a, 2] = tri[a, w] * scale, tri[a, w] >> k
     columns = box[2, v] + 1
-    walk_edge(place, cell, 0, 1, columns, cover, ends, squares)
-    walk_edge(place, cell, 1, 2, columns, cover, ends, squares)
-    walk_edge(place, cell, 2, 0, columns, cover, ends, squares)
+    cover[: 2 * (box[2, w] + 1) * columns * EDGE] = 0.0
+    walk_outline(place, cell, columns, cover)
     lowest = min(cell[0, 2], cell[1, 2], cell[2, 2])
     for level in range(lowest + 1, box[2, w] + 1):
-        walk_level(level, columns, cover, ends, squares)
+        walk_level(place, cell, level, columns, cover)
     if lowest == 1 and tri[0, w] == tri[1, w] == tri[2, w]:
         # Closed ties, in a plane of the lattice: the layer below has the same area.
         place[:, 2], cell[:, 2] = 0.0, 0
-        walk_edge(place, cell, 0, 1, columns, cover, ends, squares)
-        walk_edge(place, cell, 1, 2, columns, cover, ends, squares)
-        walk_edge(place, cell, 2, 0, columns, cover, ends, squares)
+        walk_outline(place, cell, columns, cover)
 
 
 @part
 def write_small(
-    t: int, plane: I64, box: I64, u: int, v: int, w: int, above: int, below: int, factor: float,
+    plane: I64, box: I64, u: int, v: int, w: int, above: int, below: int, factor: float,
     outside: I64, cover: F64, spread: NDArray[np.uint32], count: int,
-    keys: NDArray[np.uint32], owners: NDArray[np.int32], hits: NDArray[np.bool_], areas: F64,
-    cells: NDArray[np.uint8],
+    keys: NDArray[np.uint32], owners: NDArray[np.int32], areas: F64,
 ) -> int:  # fmt: skip
-    """Write a fragment for each voxel of the box, and keep those that pass; `cover` is 0 again.
+    """Write a fragment for each voxel of the box, and keep those that pass.
 
     factor : area units per area seen along w
-    cells : (b,) u1   out: the voxel's place in the triangle's box, u + 4 v + 16 w
+    owners : (b,) i4   out: the voxel's place in the triangle's box, u + 4 v + 16 w
     returns : int   fragments in the buffer
     """
     n_u, n_v, n_w = plane[u], plane[v], plane[w]
-    columns, here = box[2, v] + 1, 0
+    most, least = (EDGE - 1) * max(n_u, 0), (EDGE - 1) * min(n_u, 0)
+    columns, here = box[2, v] + 1, np.uint64(0)
     for l in range(box[2, w] + 1):
         for j in range(columns):
-            side = outside[u, EDGE * l + j]
+            side = outside[np.uint64(EDGE * (EDGE * u + l) + j)]
             value = n_w * l + n_v * j
             over, under = value + above, -(value + below)
+            if (side | (over + most) | (under - least)) < 0:
+                here += np.uint64(2 * EDGE)
+                continue
             key = (spread[(box[0, v] + j) & 255] << np.uint32(v)) | (
                 spread[(box[0, w] + l) & 255] << np.uint32(w)
             )
+            row, column = np.uint64(EDGE * (EDGE * w + j)), np.uint64(EDGE * EDGE * v + l)
             passed = 0.0
             for i in range(EDGE):
-                word = side | outside[w, EDGE * j + i] | outside[v, EDGE * i + l]
+                word = side | outside[row + np.uint64(i)] | outside[column + np.uint64(EDGE * i)]
                 word |= (over + n_u * i) | (under - n_u * i)
                 keys[count] = key | (spread[(box[0, u] + i) & 255] << np.uint32(u))
-                owners[count] = t
-                hits[count] = True
-                areas[count] = abs(passed + cover[here, 0]) * factor
-                cells[count] = i | (j << 2) | (l << 4)
-                passed += cover[here, 1]
-                cover[here, 0] = 0.0
-                cover[here, 1] = 0.0
-                here += 1
-                count += 1 + (word >> 63)
+                owners[count] = i | (j << 2) | (l << 4)
+                areas[count] = abs(passed + cover[here]) * factor
+                passed += cover[here + np.uint64(1)]
+                here += np.uint64(2)
+                count += np.uint64(1) - (np.uint64(word) >> np.uint64(63))
     return count
