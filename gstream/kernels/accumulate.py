@@ -70,15 +70,17 @@ def accumulate(
                 sums[row, c] = 0
             flags[row] = 0
             voxel_count += 1
-        t = owners[f]
+        # Unsigned: a signed index costs a test for negative ones at each access.
+        at, t = np.uint64(row), np.uint64(owners[f])
         area = max(areas[f], 1.0)
         weight = np.int64(np.rint(area))
-        sums[row, AREA] += weight
-        for c in range(3):
-            sums[row, VECTOR + c] += np.int64(np.rint(area * normals[t, c]))
+        sums[at, AREA] += weight
+        sums[at, VECTOR] += np.int64(np.rint(area * normals[t, 0]))
+        sums[at, VECTOR + 1] += np.int64(np.rint(area * normals[t, 1]))
+        sums[at, VECTOR + 2] += np.int64(np.rint(area * normals[t, 2]))
         for c in range(channels.shape[1]):
-            sums[row, CHANNELS + c] += np.int64(np.rint(weight * channels[f, c]))
-        flags[row] |= masks[t] | (HIT if hits[f] else 0)
+            sums[at, CHANNELS + c] += np.int64(np.rint(weight * channels[f, c]))
+        flags[at] |= masks[t] | (HIT if hits[f] else 0)
     used[0], used[1] = tile_count, voxel_count
     return done
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gstream.kernels import part
 
 F64 = NDArray[np.float64]
+AREA_UNITS = 2.0**26  # accumulator units per voxel face
 CORNERS = 12  # a triangle cut by five planes has at most 8
 
 

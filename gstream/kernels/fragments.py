@@ -12,35 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.kernels import kernel, part
-from gstream.kernels.clip import CORNERS, area_of, clip_between, cut_below, moments_of
+from gstream.kernels.clip import AREA_UNITS, CORNERS, area_of, clip_between, cut_below, moments_of
 from gstream.kernels.overlap import (
     CEIL,
     FLOOR,
     N_NEGATIVE,
     N_POSITIVE,
     PLANE_SLOTS,
+    dominant_axis,
+    face_mask,
     plane_out_of_reach,
     plane_range,
     prepare_edges,
     prepare_normal,
     prepare_plane,
+    unit_normal,
 )
-from gstream.kernels.small import (
-    CELLS,
-    EDGE,
-    cover_small,
-    load_small,
-    plane_limits,
-    test_projection,
-    write_small,
-)
+from gstream.kernels.small import CELLS, EDGE, emit_small, load_small
 from gstream.kernels.targets import meets_centre_lines, meets_diagonals, prepare_diagonals
 
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
 
 CONSERVATIVE, SIX, TWENTY_SIX = 0, 6, 26
-AREA_UNITS = 2.0**26  # accumulator units per voxel face
 SLAB_FRAGMENTS = (
     4096  # room a slab of 256 columns may need: 2 more voxels per column on closed ties
 )
@@ -81,38 +75,6 @@ def load_triangle(corners: I64, k: int, closed: bool, tri: I64, box: I64, order:
         for c in range(3):
             tri[a, c] = corners[order[a], c] - (box[0, c] << k)
     return turn
-
-
-@part
-def dominant_axis(plane: I64, box: I64) -> int:
-    """The axis of the largest normal component; of the smallest extent where the area is zero."""
-    x, y, z = abs(plane[0]), abs(plane[1]), abs(plane[2])
-    if x == 0 and y == 0 and z == 0:
-        x, y, z = -box[2, 0], -box[2, 1], -box[2, 2]
-    if z >= x and z >= y:
-        return 2
-    return 1 if y >= x else 0
-
-
-@part
-def face_mask(plane: I64, turn: int, both: bool) -> int:
-    """Bits -x, +x, -y, +y, -z, +z of the exact normal's non-zero components."""
-    mask = 0
-    for c in range(3):
-        n = plane[c] * turn
-        if n != 0:
-            mask |= 3 << (2 * c) if both else (2 if n > 0 else 1) << (2 * c)
-    return mask
-
-
-@part
-def unit_normal(plane: I64, turn: int, normal: F64) -> float:
-    """Unit normal of the input's winding; returns the length of the integer normal."""
-    x, y, z = np.float64(plane[0]), np.float64(plane[1]), np.float64(plane[2])
-    length = np.sqrt(x * x + y * y + z * z)
-    for c in range(3):
-        normal[c] = turn * np.float64(plane[c]) / length if length > 0.0 else 0.0
-    return length
 
 
 @part
@@ -165,6 +127,33 @@ def mean_channels(gradients: F64, u: float, v: float, means: F64) -> None:
         means[c] = min(max(value, gradients[c, 3]), gradients[c, 4])
 
 
+@part
+def test_small(
+    tri: I64, plane: I64, box: I64, k: int, closed: bool, mode: int, edges: I64, centres: I64,
+    lines: I64, ends: I64, voxel: I64, places: NDArray[np.int32], hits: NDArray[np.bool_],
+    start: int, stop: int,
+) -> bool:  # fmt: skip
+    """Targets of fragments that `emit_small` wrote; returns whether any was met.
+
+    places : (b,) i4   voxels in the triangle's box, u + 4 v + 16 w
+    hits : (b,) bool   out
+    """
+    w = dominant_axis(plane, box)
+    u, v = (w + 1) % 3, (w + 2) % 3
+    found = False
+    for f in range(start, stop):
+        place = np.int64(places[f])
+        voxel[u], voxel[v], voxel[w] = place & 3, (place >> 2) & 3, place >> 4
+        value = plane[0] * voxel[0] + plane[1] * voxel[1] + plane[2] * voxel[2]
+        if mode == SIX:
+            hit = meets_centre_lines(tri, plane, edges, centres, k, closed, voxel, value)
+        else:
+            hit = meets_diagonals(tri, plane, lines, ends, k, closed, voxel, value)
+        hits[f] = hit
+        found |= hit
+    return found
+
+
 @kernel
 def emit(
     corners: I64,
@@ -208,7 +197,7 @@ def emit(
     edges = np.empty((3, 3, 3), np.int64)
     centres = np.empty((3, 3), np.int64)
     lines = np.empty((4, 3, 4), np.int64)
-    ends_26 = np.empty((4, 3), np.int64)
+    ends = np.empty((4, 3), np.int64)
     voxel = np.empty(3, np.int64)
     whole_u, whole_v = np.empty(3), np.empty(3)
     strip_u, strip_v = np.empty(CORNERS), np.empty(CORNERS)
@@ -217,64 +206,35 @@ def emit(
     heights = np.empty(CORNERS)
     gradients = np.empty((values.shape[2], 5))
     count = 0
-    outside = np.empty(3 * EDGE * EDGE, np.int64)
-    place, cell = np.empty((3, 3)), np.empty((3, 3), np.int64)
-    cover = np.empty(2 * CELLS)
+    scratch = (
+        np.empty(3 * EDGE * EDGE, np.int64),
+        np.empty((3, 3)),
+        np.empty((3, 3), np.int64),
+        np.empty(2 * CELLS),
+    )
     while t < corners.shape[0]:
         turn = 0 if has_channels else load_small(corners[t], k, closed, tri, box)
         if turn != 0:
             if count + CELLS > keys.shape[0]:
                 return t, -1, count
-            x0, x1 = max(0, -box[0, 0]), min(box[2, 0], room[0] - 1 - box[0, 0])
-            y0, y1 = max(0, -box[0, 1]), min(box[2, 1], room[1] - 1 - box[0, 1])
-            z0, z1 = max(0, -box[0, 2]), min(box[2, 2], room[2] - 1 - box[0, 2])
-            if x0 <= x1 and y0 <= y1 and z0 <= z1:
-                prepare_normal(tri, plane)
-                masks[t] = face_mask(plane, turn, both)
-                length = unit_normal(plane, turn, normals[t])
-                w = dominant_axis(plane, box)
-                u, v = (w + 1) % 3, (w + 2) % 3
-                factor = 0.0
-                if plane[w] != 0:
-                    factor = AREA_UNITS * length / abs(np.float64(plane[w]))
-                test_projection(tri, plane, k, closed, 0, 1, 2, y0, y1, outside)
-                test_projection(tri, plane, k, closed, 1, 2, 0, z0, z1, outside)
-                test_projection(tri, plane, k, closed, 2, 0, 1, x0, x1, outside)
-                above, below = plane_limits(tri, plane, k, closed)
-                cover_small(tri, k, box, u, v, w, place, cell, cover)
-                start = count
-                count = np.int64(
-                    write_small(
-                        plane, box, u, v, w, above, below, factor, outside, cover, spread,
-                        np.uint64(count), keys, owners, areas,
-                    )
+            start = count
+            count = emit_small(
+                t, turn, k, closed, both, room, tri, box, plane, scratch, spread,
+                normals, masks, keys, owners, areas, count,
+            )  # fmt: skip
+            if count > start and mode != CONSERVATIVE:
+                prepare_plane(tri, k, closed, box[1], plane)
+                prepare_edges(tri, plane, k, closed, edges, centres)
+                if mode == TWENTY_SIX:
+                    prepare_diagonals(tri, plane, k, closed, lines, ends)
+                assigned[t] |= test_small(
+                    tri, plane, box, k, closed, mode, edges, centres, lines, ends, voxel,
+                    owners, hits, start, count,
                 )  # fmt: skip
-                if mode == CONSERVATIVE:
-                    assigned[t] |= count > start
-                    owners[start:count] = t
-                    hits[start:count] = True
-                else:
-                    prepare_plane(tri, k, closed, box[1], plane)
-                    prepare_edges(tri, plane, k, closed, edges, centres)
-                    if mode == TWENTY_SIX:
-                        prepare_diagonals(tri, plane, k, closed, lines, ends_26)
-                    for f in range(start, count):
-                        place_in_box = np.int64(owners[f])
-                        owners[f] = t
-                        voxel[u] = place_in_box & 3
-                        voxel[v] = (place_in_box >> 2) & 3
-                        voxel[w] = place_in_box >> 4
-                        value = plane[0] * voxel[0] + plane[1] * voxel[1] + plane[2] * voxel[2]
-                        if mode == SIX:
-                            hit = meets_centre_lines(
-                                tri, plane, edges, centres, k, closed, voxel, value
-                            )
-                        else:
-                            hit = meets_diagonals(
-                                tri, plane, lines, ends_26, k, closed, voxel, value
-                            )
-                        hits[f] = hit
-                        assigned[t] |= hit
+            elif count > start:
+                assigned[t] = True
+                hits[start:count] = True
+            owners[start:count] = t
             t, slab = t + 1, -1
             continue
         turn = load_triangle(corners[t], k, closed, tri, box, order)
@@ -288,7 +248,7 @@ def emit(
         prepare_plane(tri, k, closed, box[1], plane)
         prepare_edges(tri, plane, k, closed, edges, centres)
         if mode == TWENTY_SIX:
-            prepare_diagonals(tri, plane, k, closed, lines, ends_26)
+            prepare_diagonals(tri, plane, k, closed, lines, ends)
         w = dominant_axis(plane, box)
         u, v = (w + 1) % 3, (w + 2) % 3
         length = unit_normal(plane, turn, normals[t])
@@ -425,9 +385,7 @@ def emit(
                                 tri, plane, edges, centres, k, closed, voxel, value
                             )
                         else:
-                            hit = meets_diagonals(
-                                tri, plane, lines, ends_26, k, closed, voxel, value
-                            )
+                            hit = meets_diagonals(tri, plane, lines, ends, k, closed, voxel, value)
                     assigned[t] |= hit
                     keys[count] = (
                         spread[voxel[0] + box[0, 0]]

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from gstream.kernels import part
 
 I64 = NDArray[np.int64]
+F64 = NDArray[np.float64]
 
 # Slots of the `plane` array.
 N_X, N_Y, N_Z, CEIL, FLOOR, N_POSITIVE, N_NEGATIVE = 0, 1, 2, 3, 4, 5, 6
@@ -59,6 +60,38 @@ def prepare_normal(tri: I64, plane: I64) -> None:
         negative += min(n, 0)
     plane[N_POSITIVE] = positive
     plane[N_NEGATIVE] = negative
+
+
+@part
+def dominant_axis(plane: I64, box: I64) -> int:
+    """The axis of the largest normal component; of the smallest extent where the area is zero."""
+    x, y, z = abs(plane[0]), abs(plane[1]), abs(plane[2])
+    if x == 0 and y == 0 and z == 0:
+        x, y, z = -box[2, 0], -box[2, 1], -box[2, 2]
+    if z >= x and z >= y:
+        return 2
+    return 1 if y >= x else 0
+
+
+@part
+def face_mask(plane: I64, turn: int, both: bool) -> int:
+    """Bits -x, +x, -y, +y, -z, +z of the exact normal's non-zero components."""
+    mask = 0
+    for c in range(3):
+        n = plane[c] * turn
+        if n != 0:
+            mask |= 3 << (2 * c) if both else (2 if n > 0 else 1) << (2 * c)
+    return mask
+
+
+@part
+def unit_normal(plane: I64, turn: int, normal: F64) -> float:
+    """Unit normal of the input's winding; returns the length of the integer normal."""
+    x, y, z = np.float64(plane[0]), np.float64(plane[1]), np.float64(plane[2])
+    length = np.sqrt(x * x + y * y + z * z)
+    for c in range(3):
+        normal[c] = turn * np.float64(plane[c]) / length if length > 0.0 else 0.0
+    return length
 
 
 @part

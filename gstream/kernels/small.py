@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.kernels import part
+from gstream.kernels.clip import AREA_UNITS
 from gstream.kernels.cover import walk_level, walk_outline
 from gstream.kernels.overlap import (
     N_NEGATIVE,
@@ -21,9 +22,13 @@ from gstream.kernels.overlap import (
     N_X,
     N_Y,
     N_Z,
+    dominant_axis,
+    face_mask,
     first_sign,
     longest_edge,
+    prepare_normal,
     tie,
+    unit_normal,
 )
 
 I64 = NDArray[np.int64]
@@ -67,6 +72,56 @@ def load_small(corners: I64, k: int, closed: bool, tri: I64, box: I64) -> int:
 
 
 @part
+def emit_small(
+    t: int, turn: int, k: int, closed: bool, both: bool, room: tuple[int, int, int],
+    tri: I64, box: I64, plane: I64, scratch: tuple[I64, F64, I64, F64],
+    spread: NDArray[np.uint32], normals: F64, masks: NDArray[np.uint8],
+    keys: NDArray[np.uint32], owners: NDArray[np.int32], areas: F64, count: int,
+) -> int:  # fmt: skip
+    """Fragments of triangle t, as `load_small` left it, from place `count` of the buffer on.
+
+    scratch : words of `test_projection`, corners and their voxels, cover
+    owners : (b,) i4   out: the voxel's place in the triangle's box, u + 4 v + 16 w
+    returns : int   fragments in the buffer; see `fragments.emit` for the rest
+    """
+    outside, place, cell, cover = scratch
+    x0, x1 = max(0, -box[0, 0]), min(box[2, 0], room[0] - 1 - box[0, 0])
+    y0, y1 = max(0, -box[0, 1]), min(box[2, 1], room[1] - 1 - box[0, 1])
+    z0, z1 = max(0, -box[0, 2]), min(box[2, 2], room[2] - 1 - box[0, 2])
+    if x0 > x1 or y0 > y1 or z0 > z1:
+        return count
+    prepare_normal(tri, plane)
+    masks[t] = face_mask(plane, turn, both)
+    length = unit_normal(plane, turn, normals[t])
+    if box[2, 0] | box[2, 1] | box[2, 2] == 0:  # one voxel: it holds all of the triangle
+        keys[count] = (
+            spread[box[0, 0]]
+            | (spread[box[0, 1]] << np.uint32(1))
+            | (spread[box[0, 2]] << np.uint32(2))
+        )
+        owners[count] = 0
+        areas[count] = 0.5 * AREA_UNITS * length / np.float64(np.int64(1) << (2 * k))
+        return count + 1
+    w = dominant_axis(plane, box)
+    u, v = (w + 1) % 3, (w + 2) % 3
+    factor = 0.0
+    if plane[w] != 0:
+        factor = AREA_UNITS * length / abs(np.float64(plane[w]))
+    rows_x, rows_y, rows_z = box[2, 0] + 1, box[2, 1] + 1, box[2, 2] + 1
+    test_projection(tri, plane, k, closed, 0, 1, 2, y0, y1, rows_z, outside)
+    test_projection(tri, plane, k, closed, 1, 2, 0, z0, z1, rows_x, outside)
+    test_projection(tri, plane, k, closed, 2, 0, 1, x0, x1, rows_y, outside)
+    above, below = plane_limits(tri, plane, k, closed)
+    cover_small(tri, k, box, u, v, w, place, cell, cover)
+    return np.int64(
+        write_small(
+            plane, box, u, v, w, above, below, factor, outside, cover, spread,
+            np.uint64(count), keys, owners, areas,
+        )
+    )  # fmt: skip
+
+
+@part
 def unpack(packed: int, tri: I64, corner: int) -> None:
     """Coordinates of 20 bits each, x highest."""
     tri[corner, 0] = packed >> 40
@@ -103,11 +158,12 @@ def half_plane(
 @part
 def test_projection(
     tri: I64, plane: I64, k: int, closed: bool, r: int, p: int, q: int, low: int, high: int,
-    outside: I64,
+    rows: int, outside: I64,
 ) -> None:  # fmt: skip
     """Words of the box's squares seen along axis r: negative beyond an edge or outside the window.
 
     low, high : first and last voxel of the window along p
+    rows : voxels of the box along q
     outside : (48,) i8   out: at 16 * r + 4 * (voxel along q) + (voxel along p)
     """
     if plane[r] == 0:  # a segment: two opposite half planes
@@ -122,7 +178,7 @@ def test_projection(
         a1, b1, c1 = half_plane(tri, 1, 2, turn, k, closed, r, p, q)
         a2, b2, c2 = half_plane(tri, 2, 0, turn, k, closed, r, p, q)
     start = r * EDGE * EDGE
-    for j in range(EDGE):
+    for j in range(rows):
         for i in range(EDGE):
             edges = (a0 * i + c0) | (a1 * i + c1) | (a2 * i + c2)
             outside[np.uint64(start + EDGE * j + i)] = edges | (i - low) | (high - i)
