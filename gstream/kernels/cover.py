@@ -18,17 +18,16 @@ from gstream.kernels import part
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
 
-ROW = 4  # voxels along u of a box of `cover`
 LATE = 2.0**-40  # crossings come late, so that no walk to the lattice enters the voxel beyond
 
 
 @part
-def walk_outline(place: F64, cell: I64, columns: int, cover: F64) -> None:
+def walk_outline(place: F64, cell: I64, width: int, layer: int, cover: F64) -> None:
     """Add the triangle's three edges, side by side: alone, each would wait for its own results.
 
     place : (3, 3) f8   corners along u, v, w
     cell : (3, 3) i8   their voxels, floor of `place`
-    columns : rows of squares in a layer
+    width, layer : voxels in a row, and in a layer, of `cover`
     cover : (2 * voxels,) f8   own area and area of all that follow in the row, added to
     """
     u0, v0, w0 = place[0, 0], place[0, 1], place[0, 2]
@@ -37,20 +36,19 @@ def walk_outline(place: F64, cell: I64, columns: int, cover: F64) -> None:
     i0, j0, l0 = cell[0, 0], cell[0, 1], cell[0, 2]
     i1, j1, l1 = cell[1, 0], cell[1, 1], cell[1, 2]
     i2, j2, l2 = cell[2, 0], cell[2, 1], cell[2, 2]
-    layer = columns * ROW
     nu0, eu0, su0 = crossings(u0, u1 - u0, i0, 1)
-    nv0, ev0, sv0 = crossings(v0, v1 - v0, j0, ROW)
+    nv0, ev0, sv0 = crossings(v0, v1 - v0, j0, width)
     nw0, ew0, sw0 = crossings(w0, w1 - w0, l0, layer)
     nu1, eu1, su1 = crossings(u1, u2 - u1, i1, 1)
-    nv1, ev1, sv1 = crossings(v1, v2 - v1, j1, ROW)
+    nv1, ev1, sv1 = crossings(v1, v2 - v1, j1, width)
     nw1, ew1, sw1 = crossings(w1, w2 - w1, l1, layer)
     nu2, eu2, su2 = crossings(u2, u0 - u2, i2, 1)
-    nv2, ev2, sv2 = crossings(v2, v0 - v2, j2, ROW)
+    nv2, ev2, sv2 = crossings(v2, v0 - v2, j2, width)
     nw2, ew2, sw2 = crossings(w2, w0 - w2, l2, layer)
     row0, row1, row2 = (
-        l0 * layer + j0 * ROW + i0,
-        l1 * layer + j1 * ROW + i1,
-        l2 * layer + j2 * ROW + i2,
+        l0 * layer + j0 * width + i0,
+        l1 * layer + j1 * width + i1,
+        l2 * layer + j2 * width + i2,
     )
     right0, right1, right2 = i0 + 1 - u0, i1 + 1 - u1, i2 + 1 - u2
     at0, at1, at2 = 0.0, 0.0, 0.0
@@ -100,7 +98,7 @@ def advance(
 
 
 @part
-def walk_level(place: F64, cell: I64, level: int, columns: int, cover: F64) -> None:
+def walk_level(place: F64, cell: I64, level: int, width: int, layer: int, cover: F64) -> None:
     """Add the segment between layers level - 1 and level."""
     high_0, high_1, high_2 = cell[0, 2] >= level, cell[1, 2] >= level, cell[2, 2] >= level
     # The corner alone on its side, the one before and the one after.
@@ -112,9 +110,9 @@ def walk_level(place: F64, cell: I64, level: int, columns: int, cover: F64) -> N
     signed = dv if cell[odd, 2] >= level else -dv
     i, j = np.int64(u), np.int64(v)
     next_u, each_u, step_u = crossings(u, du, i, 1)
-    next_v, each_v, step_v = crossings(v, dv, j, ROW)
-    layer = np.uint64(2 * columns * ROW)
-    row, right, at = ((level - 1) * columns + j) * ROW + i, i + 1 - u, 0.0
+    next_v, each_v, step_v = crossings(v, dv, j, width)
+    above = np.uint64(2 * layer)
+    row, right, at = (level - 1) * layer + j * width + i, i + 1 - u, 0.0
     while at < 1.0:
         to = min(min(next_u, next_v), 1.0)
         rise = (to - at) * signed
@@ -122,8 +120,8 @@ def walk_level(place: F64, cell: I64, level: int, columns: int, cover: F64) -> N
         here = np.uint64(row + row)
         cover[here] += own
         cover[here + np.uint64(1)] += rise
-        cover[here + layer] -= own
-        cover[here + layer + np.uint64(1)] -= rise
+        cover[here + above] -= own
+        cover[here + above + np.uint64(1)] -= rise
         row += step_u if next_u <= to else 0
         row += step_v if next_v <= to else 0
         right += np.float64(step_u) if next_u <= to else 0.0

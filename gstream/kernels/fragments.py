@@ -135,7 +135,7 @@ def test_small(
 ) -> bool:  # fmt: skip
     """Targets of fragments that `emit_small` wrote; returns whether any was met.
 
-    places : (b,) i4   voxels in the triangle's box, u + 4 v + 16 w
+    places : (b,) i4   voxels in the triangle's box, u + 8 v + 64 w
     hits : (b,) bool   out
     """
     w = dominant_axis(plane, box)
@@ -143,7 +143,7 @@ def test_small(
     found = False
     for f in range(start, stop):
         place = np.int64(places[f])
-        voxel[u], voxel[v], voxel[w] = place & 3, (place >> 2) & 3, place >> 4
+        voxel[u], voxel[v], voxel[w] = place & 7, (place >> 3) & 7, place >> 6
         value = plane[0] * voxel[0] + plane[1] * voxel[1] + plane[2] * voxel[2]
         if mode == SIX:
             hit = meets_centre_lines(tri, plane, edges, centres, k, closed, voxel, value)
@@ -211,6 +211,7 @@ def emit(
         np.empty((3, 3)),
         np.empty((3, 3), np.int64),
         np.empty(2 * CELLS),
+        np.empty(EDGE, np.uint32),
     )
     while t < corners.shape[0]:
         turn = 0 if has_channels else load_small(corners[t], k, closed, tri, box)

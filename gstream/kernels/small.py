@@ -1,4 +1,4 @@
-"""Triangles whose voxels fit in a box of 4^3: all the box's voxels at once, nearly no branches.
+"""Triangles whose voxels fit in a box of 8^3: all the box's voxels at once, nearly no branches.
 
 `fragments.py` asks voxel by voxel and leaves early; on triangles of 1 to 3 voxels most of that time
 went to mispredicted branches. Here every test of every voxel is made: a word that is negative iff
@@ -34,7 +34,8 @@ from gstream.kernels.overlap import (
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
 
-EDGE = 4  # voxels of the box along each axis
+EDGE = 8  # most voxels of the box along an axis
+RUN = 4  # voxels of a row that are written without a branch between them
 SNAP_BITS = 16  # up to here corners fit 20 bits and plane values 62
 CELLS = EDGE**3
 
@@ -74,17 +75,17 @@ def load_small(corners: I64, k: int, closed: bool, tri: I64, box: I64) -> int:
 @part
 def emit_small(
     t: int, turn: int, k: int, closed: bool, both: bool, room: tuple[int, int, int],
-    tri: I64, box: I64, plane: I64, scratch: tuple[I64, F64, I64, F64],
+    tri: I64, box: I64, plane: I64, scratch: tuple[I64, F64, I64, F64, NDArray[np.uint32]],
     spread: NDArray[np.uint32], normals: F64, masks: NDArray[np.uint8],
     keys: NDArray[np.uint32], owners: NDArray[np.int32], areas: F64, count: int,
 ) -> int:  # fmt: skip
     """Fragments of triangle t, as `load_small` left it, from place `count` of the buffer on.
 
-    scratch : words of `test_projection`, corners and their voxels, cover
-    owners : (b,) i4   out: the voxel's place in the triangle's box, u + 4 v + 16 w
+    scratch : words of `test_projection`, corners and their voxels, cover, codes along u
+    owners : (b,) i4   out: the voxel's place in the triangle's box, u + 8 v + 64 w
     returns : int   fragments in the buffer; see `fragments.emit` for the rest
     """
-    outside, place, cell, cover = scratch
+    outside, place, cell, cover, codes = scratch
     x0, x1 = max(0, -box[0, 0]), min(box[2, 0], room[0] - 1 - box[0, 0])
     y0, y1 = max(0, -box[0, 1]), min(box[2, 1], room[1] - 1 - box[0, 1])
     z0, z1 = max(0, -box[0, 2]), min(box[2, 2], room[2] - 1 - box[0, 2])
@@ -108,14 +109,14 @@ def emit_small(
     if plane[w] != 0:
         factor = AREA_UNITS * length / abs(np.float64(plane[w]))
     rows_x, rows_y, rows_z = box[2, 0] + 1, box[2, 1] + 1, box[2, 2] + 1
-    test_projection(tri, plane, k, closed, 0, 1, 2, y0, y1, rows_z, outside)
-    test_projection(tri, plane, k, closed, 1, 2, 0, z0, z1, rows_x, outside)
-    test_projection(tri, plane, k, closed, 2, 0, 1, x0, x1, rows_y, outside)
+    test_projection(tri, plane, k, closed, 0, 1, 2, y0, y1, rows_y, rows_z, outside)
+    test_projection(tri, plane, k, closed, 1, 2, 0, z0, z1, rows_z, rows_x, outside)
+    test_projection(tri, plane, k, closed, 2, 0, 1, x0, x1, rows_x, rows_y, outside)
     above, below = plane_limits(tri, plane, k, closed)
     cover_small(tri, k, box, u, v, w, place, cell, cover)
     return np.int64(
         write_small(
-            plane, box, u, v, w, above, below, factor, outside, cover, spread,
+            plane, box, u, v, w, above, below, factor, outside, cover, codes, spread,
             np.uint64(count), keys, owners, areas,
         )
     )  # fmt: skip
@@ -158,13 +159,13 @@ def half_plane(
 @part
 def test_projection(
     tri: I64, plane: I64, k: int, closed: bool, r: int, p: int, q: int, low: int, high: int,
-    rows: int, outside: I64,
+    width: int, rows: int, outside: I64,
 ) -> None:  # fmt: skip
     """Words of the box's squares seen along axis r: negative beyond an edge or outside the window.
 
     low, high : first and last voxel of the window along p
-    rows : voxels of the box along q
-    outside : (48,) i8   out: at 16 * r + 4 * (voxel along q) + (voxel along p)
+    width, rows : voxels of the box along p and q
+    outside : (192,) i8   out: at 64 * r + 8 * (voxel along q) + (voxel along p)
     """
     if plane[r] == 0:  # a segment: two opposite half planes
         edge = longest_edge(tri, p, q)
@@ -179,9 +180,10 @@ def test_projection(
         a2, b2, c2 = half_plane(tri, 2, 0, turn, k, closed, r, p, q)
     start = r * EDGE * EDGE
     for j in range(rows):
-        for i in range(EDGE):
-            edges = (a0 * i + c0) | (a1 * i + c1) | (a2 * i + c2)
-            outside[np.uint64(start + EDGE * j + i)] = edges | (i - low) | (high - i)
+        for first in range(0, width, RUN):
+            for i in range(first, first + RUN):
+                edges = (a0 * i + c0) | (a1 * i + c1) | (a2 * i + c2)
+                outside[np.uint64(start + EDGE * j + i)] = edges | (i - low) | (high - i)
         c0 += b0
         c1 += b1
         c2 += b2
@@ -198,32 +200,36 @@ def cover_small(
         place[a, 0], cell[a, 0] = tri[a, u] * scale, tri[a, u] >> k
         place[a, 1], cell[a, 1] = tri[a, v] * scale, tri[a, v] >> k
         place[a, 2], cell[a, 2] = tri[a, w] * scale, tri[a, w] >> k
-    columns = box[2, v] + 1
-    cover[: 2 * (box[2, w] + 1) * columns * EDGE] = 0.0
-    walk_outline(place, cell, columns, cover)
+    width = (box[2, u] // RUN + 1) * RUN
+    layer = width * (box[2, v] + 1)
+    cover[: 2 * layer * (box[2, w] + 1)] = 0.0
+    walk_outline(place, cell, width, layer, cover)
     lowest = min(cell[0, 2], cell[1, 2], cell[2, 2])
     for level in range(lowest + 1, box[2, w] + 1):
-        walk_level(place, cell, level, columns, cover)
+        walk_level(place, cell, level, width, layer, cover)
     if lowest == 1 and tri[0, w] == tri[1, w] == tri[2, w]:
         # Closed ties, in a plane of the lattice: the layer below has the same area.
         place[:, 2], cell[:, 2] = 0.0, 0
-        walk_outline(place, cell, columns, cover)
+        walk_outline(place, cell, width, layer, cover)
 
 
 @part
 def write_small(
     plane: I64, box: I64, u: int, v: int, w: int, above: int, below: int, factor: float,
-    outside: I64, cover: F64, spread: NDArray[np.uint32], count: int,
+    outside: I64, cover: F64, codes: NDArray[np.uint32], spread: NDArray[np.uint32], count: int,
     keys: NDArray[np.uint32], owners: NDArray[np.int32], areas: F64,
 ) -> int:  # fmt: skip
     """Write a fragment for each voxel of the box, and keep those that pass.
 
     factor : area units per area seen along w
-    owners : (b,) i4   out: the voxel's place in the triangle's box, u + 4 v + 16 w
+    owners : (b,) i4   out: the voxel's place in the triangle's box, u + 8 v + 64 w
     returns : int   fragments in the buffer
     """
+    width = (box[2, u] // RUN + 1) * RUN
+    for i in range(width):  # & 255: voxels outside the window are read, but never kept
+        codes[i] = spread[(box[0, u] + i) & 255] << np.uint32(u)
     n_u, n_v, n_w = plane[u], plane[v], plane[w]
-    most, least = (EDGE - 1) * max(n_u, 0), (EDGE - 1) * min(n_u, 0)
+    most, least = (width - 1) * max(n_u, 0), (width - 1) * min(n_u, 0)
     columns, here = box[2, v] + 1, np.uint64(0)
     for l in range(box[2, w] + 1):
         for j in range(columns):
@@ -231,20 +237,23 @@ def write_small(
             value = n_w * l + n_v * j
             over, under = value + above, -(value + below)
             if (side | (over + most) | (under - least)) < 0:
-                here += np.uint64(2 * EDGE)
+                here += np.uint64(2 * width)
                 continue
             key = (spread[(box[0, v] + j) & 255] << np.uint32(v)) | (
                 spread[(box[0, w] + l) & 255] << np.uint32(w)
             )
             row, column = np.uint64(EDGE * (EDGE * w + j)), np.uint64(EDGE * EDGE * v + l)
             passed = 0.0
-            for i in range(EDGE):
-                word = side | outside[row + np.uint64(i)] | outside[column + np.uint64(EDGE * i)]
-                word |= (over + n_u * i) | (under - n_u * i)
-                keys[count] = key | (spread[(box[0, u] + i) & 255] << np.uint32(u))
-                owners[count] = i | (j << 2) | (l << 4)
-                areas[count] = abs(passed + cover[here]) * factor
-                passed += cover[here + np.uint64(1)]
-                here += np.uint64(2)
-                count += np.uint64(1) - (np.uint64(word) >> np.uint64(63))
+            for first in range(0, width, RUN):
+                for i in range(first, first + RUN):
+                    word = (
+                        side | outside[row + np.uint64(i)] | outside[column + np.uint64(EDGE * i)]
+                    )
+                    word |= (over + n_u * i) | (under - n_u * i)
+                    keys[count] = key | codes[np.uint64(i)]
+                    owners[count] = i | (j << 3) | (l << 6)
+                    areas[count] = abs(passed + cover[here]) * factor
+                    passed += cover[here + np.uint64(1)]
+                    here += np.uint64(2)
+                    count += np.uint64(1) - (np.uint64(word) >> np.uint64(63))
     return count
