@@ -58,6 +58,7 @@ def reduce_runs(codes, mask, normal, colour, weight, normal_bits, use_weight, ta
     errors : none; the caller made sure of equal lengths
     source : spec, "Levels of detail"
     """
+    use_weight = use_weight and weight.size > 0
     runs = count_runs(codes)
     out_morton = np.empty(runs, np.uint32)
     out_mask = np.empty(runs, np.uint8)
@@ -74,66 +75,68 @@ def reduce_runs(codes, mask, normal, colour, weight, normal_bits, use_weight, ta
         for i in range(begin, end):
             merged |= mask[i]
         out_mask[m] = merged if merged != 0 else 63
-        shares = weight[begin:end] if use_weight else weight[:0]
+        # Ranges, not slices: a slice costs two atomic reference counts.
+        run = (begin, end)
         if normal.shape[0]:
-            sum_normals(normal[begin:end], shares, normal_bits, directions[m])
+            sum_normals(normal, weight, run, use_weight, normal_bits, directions, m)
         if colour.shape[0]:
-            merge_colours(colour[begin:end], shares, tables, out_colour[m])
+            merge_colours(colour, weight, run, use_weight, tables, out_colour, m)
         if weight.size:
-            out_weight[m] = merge_weights(weight[begin:end])
+            out_weight[m] = merge_weights(weight, run)
         begin = end
     out_normal = encode_normals(directions, normal_bits)
     return out_morton, out_mask, out_normal, out_colour, out_weight
 
 
 @part
-def sum_normals(codes, shares, bits, out):
+def sum_normals(codes, weights, run, use_weight, bits, out, m):
     """Weighted sum of a few directions.
 
-    codes  : (n, 2) u16; shares : (n,) u32, or (0,) to count each once; bits : int
-    out    : (3,) int64
+    codes  : (n, 2) u16; weights : (n,) u32, or (0,) where use_weight is False; bits : int
+    run    : first and one past the last voxel
+    out    : (runs, 3) int64, row m is written
     errors : none; sums stay below 2^50 for eight children
     source : spec, "Levels of detail"
     """
     x = y = z = np.int64(0)
-    for i in range(codes.shape[0]):
-        share = np.int64(shares[i]) if shares.size else np.int64(1)
+    for i in range(run[0], run[1]):
+        share = np.int64(weights[i]) if use_weight else np.int64(1)
         a, b, c = decode_normal(np.int64(codes[i, 0]), np.int64(codes[i, 1]), bits)
         x += share * a
         y += share * b
         z += share * c
-    out[0], out[1], out[2] = x, y, z
+    out[m, 0], out[m, 1], out[m, 2] = x, y, z
 
 
 @part
-def merge_colours(colours, shares, tables, out):
+def merge_colours(colours, weights, run, use_weight, tables, out, m):
     """Weighted mean of a few colours, in linear light.
 
-    colours : (n, 4) u8; shares : (n,) u32, or (0,) to count each once; tables : see above
-    out    : (4,) u8
+    colours : (n, 4) u8; weights, run, use_weight : as above; tables : see above
+    out    : (runs, 4) u8, row m is written
     errors : none; sums stay below 2^51 for eight children
     source : spec, "Levels of detail"
     """
     total = red = green = blue = alpha = np.int64(0)
-    for i in range(colours.shape[0]):
-        share = np.int64(shares[i]) if shares.size else np.int64(1)
+    for i in range(run[0], run[1]):
+        share = np.int64(weights[i]) if use_weight else np.int64(1)
         total += share
         red += share * tables[0][colours[i, 0]]
         green += share * tables[0][colours[i, 1]]
         blue += share * tables[0][colours[i, 2]]
         alpha += share * colours[i, 3]
     total = max(total, 1)
-    out[0] = colour_code(rounded_mean(red, total), tables)
-    out[1] = colour_code(rounded_mean(green, total), tables)
-    out[2] = colour_code(rounded_mean(blue, total), tables)
-    out[3] = rounded_mean(alpha, total)
+    out[m, 0] = colour_code(rounded_mean(red, total), tables)
+    out[m, 1] = colour_code(rounded_mean(green, total), tables)
+    out[m, 2] = colour_code(rounded_mean(blue, total), tables)
+    out[m, 3] = rounded_mean(alpha, total)
 
 
 @part
-def merge_weights(weights):
-    """(sum + 2) // 4 of (n,) u32 weights, from 1 to 2^32 - 1: faces of the parent's level."""
+def merge_weights(weights, run):
+    """(sum + 2) // 4 of the run's u32 weights, from 1 to 2^32 - 1: faces of the parent's level."""
     total = np.int64(0)
-    for i in range(weights.size):
+    for i in range(run[0], run[1]):
         total += np.int64(weights[i])
     return min(max((total + 2) // 4, 1), MAX_WEIGHT)
 
