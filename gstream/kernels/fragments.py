@@ -35,9 +35,7 @@ I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
 
 CONSERVATIVE, SIX, TWENTY_SIX = 0, 6, 26
-SLAB_FRAGMENTS = (
-    4096  # room a slab of 256 columns may need: 2 more voxels per column on closed ties
-)
+SLAB_FRAGMENTS = 4096  # room for a slab of 256 columns: closed ties add 2 voxels to a column
 BUFFER_FRAGMENTS = 12_288
 FEW_VOXELS = 4  # along w: up to here every voxel is tested, above the range is computed
 
@@ -186,6 +184,8 @@ def emit(
     returns : (triangle, slab, fragments)   where to resume, and how many fragments were written
     source : numerics.md section 2 and 3; thesis 3.1.1
     """
+    # One long function on purpose: the compiler knows that arrays made here do not overlap. With
+    # slabs and columns in parts of their own, large and coloured triangles took twice the time.
     k, mode, closed, both = rules
     t, slab = resume
     scale = 1.0 / (1 << k)
