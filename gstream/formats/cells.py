@@ -25,8 +25,6 @@ SEGMENT = np.dtype(
         ("offset", "<u8"),  # bytes into that file
     ]
 )
-SMALL_CORNERS = np.dtype("<u8")  # 21 bits each of x, y, z, from half a cell below the cell
-LARGE_CORNERS = np.dtype(("<i4", 3))  # x, y, z in the grid
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +39,11 @@ class Scene:
     metadata: Mapping[str, Any]  # of the stream: units, up, crs
     counts: Mapping[str, int]  # ledger so far
     weighted: bool = True  # voxels carry their area; False only for files that were kept without
+
+    @property
+    def cells(self) -> int:
+        """Cells along each axis of the grid."""
+        return ((self.grid.resolution - 1) >> self.cell_bits) + 1
 
     @property
     def words(self) -> int:
@@ -74,11 +77,3 @@ class Scene:
             box=(tuple(low), tuple(high)),
             **record,
         )
-
-    def small_bytes(self, triangles: int) -> int:
-        """Bytes of a segment of small triangles."""
-        return triangles * 3 * (8 + 4 * self.words)
-
-    def large_bytes(self, triangles: int) -> int:
-        """Bytes of a segment of large triangles."""
-        return triangles * 3 * (12 + 4 * self.words)

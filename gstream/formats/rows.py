@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gstream.formats.columns import ColumnSpec, column_specs
 from gstream.formats.directory import Rows, pile_dtype
+from gstream.formats.morton import decode_morton
 
 
 class Record(NamedTuple):
@@ -37,12 +38,9 @@ def pipeline_columns(
 def tight_bounds(codes: NDArray[np.uint32]) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Smallest and largest x, y, z of local Morton codes; spread bits keep the order of numbers."""
     axes = [codes & np.uint32(0o11111111 << c) for c in range(3)]
-    low = tuple(_compact(int(axis.min()) >> c) for c, axis in enumerate(axes))
-    return low, tuple(_compact(int(axis.max()) >> c) for c, axis in enumerate(axes))
-
-
-def _compact(code: int) -> int:
-    return sum((code >> 3 * bit & 1) << bit for bit in range(8))
+    ends = [sum(int(axis.min()) for axis in axes), sum(int(axis.max()) for axis in axes)]
+    low, high = decode_morton(np.array(ends, np.uint64)).tolist()
+    return tuple(low), tuple(high)
 
 
 def rows_from_bytes(data: bytes, columns: Sequence[ColumnSpec]) -> Rows:

@@ -77,7 +77,7 @@ class Scratch:
         if name not in self._files:
             if len(self._files) >= self.OPEN_FILES:
                 self.close()
-            self._files[name] = open(self.folder / name, "rb", buffering=0)  # noqa: SIM115
+            self._files[name] = open(self.folder / name, "rb", buffering=0)  # noqa: SIM115  closed by close()
         return self._files[name]
 
     def close(self) -> None:

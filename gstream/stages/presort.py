@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.errors import UsageError
+from gstream.formats import cells
 from gstream.formats.cells import SCENE, SEGMENT, SEGMENTS, Scene
 from gstream.formats.stream import StreamReader
 from gstream.formats.stream_chunk import DOMAIN_VERTEX, Chunk
@@ -112,10 +113,10 @@ def work(job: Job, unit: Unit) -> None:
             small = _small_segments(corners, extras, kinds, counts, sorting)
             large = _large_segments(corners, np.flatnonzero(kinds == LARGE), rules, scene)
             for cell, triangles, words in small:
-                rows.append((cell, 0, unit.data[0], len(triangles), at))
+                rows.append((cell, cells.SMALL, unit.data[0], len(triangles), at))
                 at += file.write(triangles.tobytes()) + file.write(words.tobytes())
             for cell, owners in large:
-                rows.append((cell, 1, unit.data[0], len(owners), at))
+                rows.append((cell, cells.LARGE, unit.data[0], len(owners), at))
                 at += file.write(corners[owners].tobytes()) + file.write(extras[owners].tobytes())
         with scratch.write(index) as file:
             np.save(file, np.array(rows, SEGMENT))
@@ -184,8 +185,7 @@ def _rules(job: Job, scene: Scene) -> Rules:
 
 
 def _cell_levels(scene: Scene) -> int:
-    cells = ((scene.grid.resolution - 1) >> scene.cell_bits) + 1
-    return (cells - 1).bit_length()
+    return (scene.cells - 1).bit_length()
 
 
 def _corners(reader: StreamReader, first: int, last: int, scene: Scene) -> tuple[Array, Array]:
@@ -248,12 +248,11 @@ def _large_segments(
     """(cell, triangles) for the triangles that are larger than half a cell."""
     if not len(large):
         return
-    cells = ((scene.grid.resolution - 1) >> scene.cell_bits) + 1
     coarse = Rules(rules.snap_bits + scene.cell_bits, "conservative", True, False)
     owners: list[Array] = []
     keys: list[Array] = []
     pairs = 0
-    at_cells = fragments(corners[large].astype(np.int64), coarse, (cells,) * 3)
+    at_cells = fragments(corners[large].astype(np.int64), coarse, (scene.cells,) * 3)
     for some_owners, some_keys, _ in at_cells:
         owners.append(large[some_owners])
         keys.append(some_keys)
@@ -301,10 +300,9 @@ def _meets_small(corners: Array, rules: Rules, scene: Scene) -> tuple[int, int]:
 
 def _meets_large(corner: Array, rules: Rules, scene: Scene) -> tuple[int, int]:
     """The same for one large triangle: cell by cell, up to the first target met."""
-    cells = ((scene.grid.resolution - 1) >> scene.cell_bits) + 1
     coarse = Rules(rules.snap_bits + scene.cell_bits, "conservative", True, False)
     touched = 0
-    for _, keys, _ in fragments(corner, coarse, (cells,) * 3):
+    for _, keys, _ in fragments(corner, coarse, (scene.cells,) * 3):
         for cell in compact(keys) << scene.cell_bits:
             room = np.minimum(scene.grid.resolution - cell, 1 << scene.cell_bits)
             local = corner - (cell << rules.snap_bits)
