@@ -8,7 +8,7 @@ Source: distribution counting, Knuth TAOCP vol. 3, section 5.2, algorithm D.
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.kernels import kernel
+from gstream.kernels import kernel, part
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
@@ -16,6 +16,7 @@ U32 = NDArray[np.uint32]
 U64 = NDArray[np.uint64]
 
 SMALL, SPANNING, LARGE, OUTSIDE = 0, 1, 2, 3  # kinds; SPANNING is small, in several cells
+U1, U2 = np.uint64(1), np.uint64(2)
 COORDINATE_BITS = 21
 U21 = np.uint64(COORDINATE_BITS)
 U42 = np.uint64(2 * COORDINATE_BITS)
@@ -36,18 +37,28 @@ def gather(triangles: NDArray[np.integer], snapped: I64, corners: I32) -> None:
                 corners[t, c, axis] = snapped[triangles[t, c], axis]
 
 
-@kernel
-def voxel_span(corners: I32, t: int, axis: int, k: int, closed: bool) -> tuple[int, int]:
-    """First and last voxel that triangle t's box meets along an axis, by the tie rule."""
+@part
+def span(
+    corners: I32, t: int, axis: int, rules: tuple[int, int, int, bool]
+) -> tuple[int, int, int]:
+    """First and last cell that triangle t's box meets along an axis, by the tie rule; its kind."""
+    k, cell_bits, resolution, closed = rules
     a = np.int64(corners[t, 0, axis])
     b = np.int64(corners[t, 1, axis])
     c = np.int64(corners[t, 2, axis])
-    low = min(a, b, c)
-    first = -((-low) >> k) - 1 if closed else low >> k
-    return first, max(a, b, c) >> k
+    low, high = min(a, b, c), max(a, b, c)
+    large = high - low >= np.int64(1) << (k + cell_bits - 1)
+    low, high = -((-low) >> k) - 1 if closed else low >> k, high >> k
+    if high < 0 or low >= resolution:
+        return 0, 0, OUTSIDE
+    first, last = max(low, 0) >> cell_bits, min(high, resolution - 1) >> cell_bits
+    if large:
+        return first, last, LARGE
+    spans = low < 0 or high >= resolution or first != last
+    return first, last, SPANNING if spans else SMALL
 
 
-@kernel
+@part
 def is_degenerate(corners: I32, t: int) -> bool:
     """The snapped triangle has no area."""
     for axis in range(3):
@@ -59,6 +70,13 @@ def is_degenerate(corners: I32, t: int) -> bool:
         if ep * fq - eq * fp != 0:
             return False
     return True
+
+
+@part
+def cell_key(x: int, y: int, z: int, spread: U32) -> int:
+    """Morton code of a cell, unsigned: a signed index costs a test for negative ones."""
+    x, y, z = np.uint64(x), np.uint64(y), np.uint64(z)
+    return np.uint64(spread[x]) | np.uint64(spread[y]) << U1 | np.uint64(spread[z]) << U2
 
 
 @kernel
@@ -75,38 +93,22 @@ def classify(
     counts : (8^bits,) i8   references per Morton cell, added to
     returns : int   triangles whose snapped area is zero (those outside not counted)
     """
-    k, cell_bits, resolution, closed = rules
-    half_cell = np.int64(1) << (k + cell_bits - 1)
-    first = np.empty(3, np.int64)
-    last = np.empty(3, np.int64)
     degenerate = 0
     for t in range(corners.shape[0]):
-        kind = SMALL
-        for axis in range(3):
-            low, high = voxel_span(corners, t, axis, k, closed)
-            if high < 0 or low >= resolution:
-                kind = OUTSIDE
-                break
-            extent = max(corners[t, 0, axis], corners[t, 1, axis], corners[t, 2, axis]) - min(
-                corners[t, 0, axis], corners[t, 1, axis], corners[t, 2, axis]
-            )
-            first[axis] = max(low, 0) >> cell_bits
-            last[axis] = min(high, resolution - 1) >> cell_bits
-            if extent >= half_cell:
-                kind = LARGE
-            elif kind == SMALL and (low < 0 or high >= resolution or first[axis] != last[axis]):
-                kind = SPANNING
+        x0, x1, kind_x = span(corners, t, 0, rules)
+        y0, y1, kind_y = span(corners, t, 1, rules)
+        z0, z1, kind_z = span(corners, t, 2, rules)
+        kind = max(kind_x, kind_y, kind_z)
         kinds[t] = kind
         if kind == OUTSIDE:
             continue
         degenerate += is_degenerate(corners, t)
         if kind == LARGE:
             continue
-        for z in range(first[2], last[2] + 1):
-            for y in range(first[1], last[1] + 1):
-                for x in range(first[0], last[0] + 1):
-                    key = spread[x] | (spread[y] << np.uint32(1)) | (spread[z] << np.uint32(2))
-                    counts[key] += 1
+        for z in range(z0, z1 + 1):
+            for y in range(y0, y1 + 1):
+                for x in range(x0, x1 + 1):
+                    counts[cell_key(x, y, z, spread)] += 1
     return degenerate
 
 
@@ -122,27 +124,24 @@ def scatter(
     packed : (references, 3) u8   out: x | y << 21 | z << 42, snap units from half a cell below
     packed_extras : (references, 3, e) u4   out
     """
-    k, cell_bits, resolution, closed = rules
-    cell = np.int64(1) << (k + cell_bits)
-    first = np.empty(3, np.int64)
-    last = np.empty(3, np.int64)
+    cell = np.int64(1) << (rules[0] + rules[1])
+    half = cell >> 1
     for t in range(corners.shape[0]):
         if kinds[t] > SPANNING:
             continue
-        for axis in range(3):
-            low, high = voxel_span(corners, t, axis, k, closed)
-            first[axis] = max(low, 0) >> cell_bits
-            last[axis] = min(high, resolution - 1) >> cell_bits
-        for z in range(first[2], last[2] + 1):
-            for y in range(first[1], last[1] + 1):
-                for x in range(first[0], last[0] + 1):
-                    key = spread[x] | (spread[y] << np.uint32(1)) | (spread[z] << np.uint32(2))
-                    at = offsets[key]
-                    offsets[key] = at + 1
+        x0, x1, _ = span(corners, t, 0, rules)
+        y0, y1, _ = span(corners, t, 1, rules)
+        z0, z1, _ = span(corners, t, 2, rules)
+        for z in range(z0, z1 + 1):
+            for y in range(y0, y1 + 1):
+                for x in range(x0, x1 + 1):
+                    key = cell_key(x, y, z, spread)
+                    at = np.uint64(offsets[key])
+                    offsets[key] += 1
                     for c in range(3):
-                        px = np.uint64(corners[t, c, 0] - x * cell + (cell >> 1))
-                        py = np.uint64(corners[t, c, 1] - y * cell + (cell >> 1))
-                        pz = np.uint64(corners[t, c, 2] - z * cell + (cell >> 1))
+                        px = np.uint64(corners[t, c, 0] - x * cell + half)
+                        py = np.uint64(corners[t, c, 1] - y * cell + half)
+                        pz = np.uint64(corners[t, c, 2] - z * cell + half)
                         packed[at, c] = px | (py << U21) | (pz << U42)
                         for e in range(extras.shape[2]):
                             packed_extras[at, c, e] = extras[t, c, e]
@@ -176,11 +175,13 @@ def within(
     room : (3,) i8   voxels of the cell along x, y, z
     single : (n or more,) bool   out
     """
+    # The first voxel is 0 or more: low >= 0, or > 0 with closed ties. The last: high < room.
+    x, y, z = np.int64(closed) - shift[0], np.int64(closed) - shift[1], np.int64(closed) - shift[2]
+    wide, deep, high = (room[0] << k) - closed, (room[1] << k) - closed, (room[2] << k) - closed
     for t in range(corners.shape[0]):
-        single[t] = True
-        for axis in range(3):
-            a, b, c = corners[t, 0, axis], corners[t, 1, axis], corners[t, 2, axis]
-            low, high = min(a, b, c) + shift[axis], max(a, b, c) + shift[axis]
-            first = -((-low) >> k) - 1 if closed else low >> k
-            if first < 0 or high >> k >= room[axis]:
-                single[t] = False
+        inside = True
+        for c in range(3):  # as unsigned numbers, what is below 0 is far above
+            inside &= np.uint64(corners[t, c, 0] - x) < np.uint64(wide)
+            inside &= np.uint64(corners[t, c, 1] - y) < np.uint64(deep)
+            inside &= np.uint64(corners[t, c, 2] - z) < np.uint64(high)
+        single[t] = inside
