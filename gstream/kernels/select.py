@@ -19,29 +19,30 @@ def select_kept(rows, codes, sums, flags, colours, normals):
         and the area of all voxels and of the pruned ones
     errors : none
     """
-    kept = 0
-    for i in range(rows.size):
-        kept += (flags[rows[i]] & HIT) != 0
-    out_codes = np.empty(kept, np.uint32)
-    area = np.empty(kept, np.int64)
-    vector = np.empty((kept, 3), np.int64)
-    colour = np.empty((kept if colours else 0, 4), np.int64)
-    mask = np.empty(kept, np.uint8)
-    first = sums.shape[1] - 3 if normals else VECTOR
-    total, pruned, at = np.int64(0), np.int64(0), 0
-    for i in range(rows.size):
-        row = rows[i]
-        total += sums[row, AREA]
-        if (flags[row] & HIT) == 0:
-            pruned += sums[row, AREA]
-            continue
-        out_codes[at] = codes[i]
-        area[at] = sums[row, AREA]
-        mask[at] = flags[row] & FACE_BITS
-        for c in range(3):
-            vector[at, c] = sums[row, first + c]
+    n = rows.size  # room for all: counting the kept ones first would gather every flag twice
+    out_codes = np.empty(n, np.uint32)
+    area = np.empty(n, np.int64)
+    vector = np.empty((n, 3), np.int64)
+    colour = np.empty((n if colours else 0, 4), np.int64)
+    mask = np.empty(n, np.uint8)
+    first = np.uint64(sums.shape[1] - 3 if normals else VECTOR)
+    total, kept_area, kept = np.int64(0), np.int64(0), np.uint64(0)
+    for i in range(np.uint64(n)):
+        row = np.uint64(rows[i])
+        out_codes[kept] = codes[i]
+        area[kept] = sums[row, AREA]
+        mask[kept] = flags[row] & FACE_BITS
+        for c in range(np.uint64(3)):
+            vector[kept, c] = sums[row, first + c]
         if colours:
-            for c in range(4):
-                colour[at, c] = sums[row, CHANNELS + c]
-        at += 1
-    return out_codes, area, vector, colour, mask, total, pruned
+            for c in range(np.uint64(4)):
+                colour[kept, c] = sums[row, np.uint64(CHANNELS) + c]
+        # Written first and kept by moving on: which voxels are pruned, no one can predict.
+        hit = (flags[row] & HIT) != 0
+        total += sums[row, AREA]
+        kept_area += sums[row, AREA] if hit else 0
+        kept += np.uint64(hit)
+    return (
+        out_codes[:kept], area[:kept], vector[:kept], colour[:kept], mask[:kept],
+        total, total - kept_area,
+    )  # fmt: skip
