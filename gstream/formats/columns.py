@@ -4,8 +4,9 @@ The filters are pluggable: plain NumPy (formats/filters.py) or compiled (kernels
 the bytes lie in a file, and their CRCs, concern the file formats. Source: spec, "Columns".
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cache
 from hashlib import blake2b
 from typing import Final, Protocol
 
@@ -26,6 +27,7 @@ from gstream.formats.framing import (
 )
 from gstream.formats.lodrule import canonical_normals
 
+UNSIGNED: Final = {size: np.dtype(f"<u{size}") for size in (1, 2, 4)}
 MIN_LOG2_EDGE: Final = 3
 MAX_LOG2_EDGE: Final = 8
 MIN_NORMAL_BITS: Final = 8
@@ -57,14 +59,15 @@ class ColumnSpec:
     @property
     def dtype(self) -> np.dtype[np.unsignedinteger]:
         """Little-endian unsigned type of one item."""
-        return np.dtype(f"<u{self.item_bytes}")
+        return UNSIGNED[self.item_bytes]
 
     def raw_bytes(self, count: int) -> int:
         """Length of the raw column of `count` voxels; not for occupancy, whose length varies."""
         return count * self.components * self.item_bytes
 
 
-def column_specs(normal_bits: int) -> dict[str, ColumnSpec]:
+@cache
+def column_specs(normal_bits: int) -> Mapping[str, ColumnSpec]:
     """Every column by name, in canonical order."""
     bytes_, deltas = plain.BYTE_PLANES, plain.DELTA_BIT_PLANES
     table = (
@@ -145,7 +148,7 @@ def encode_block(
     """Encode the named columns of a block, each by the smaller of its candidate filters.
 
     names  : columns that the block has; lz4: fast | hc
-    stored : names kept raw (codec 0, filter 0) unless constant: scratch that is rewritten soon
+    stored : names kept raw (codec 0, filter 0) unless constant, without CRC and hash: scratch
     errors : ValueError for a column that the block has not
     """
     specs = column_specs(normal_bits)
@@ -153,10 +156,10 @@ def encode_block(
     for name in names:
         spec = specs[name]
         if name == "occupancy":
-            values = filters.encode_occupancy(block.morton, log2_edge).reshape(-1, 1)
+            planar = filters.encode_occupancy(block.morton, log2_edge).reshape(1, -1)
         else:
-            values = column_values(block, spec)
-        encoded[name] = _encode_column(spec, values, lz4, filters, name in stored)
+            planar = _planar(column_values(block, spec))
+        encoded[name] = _encode_column(spec, planar, lz4, filters, name in stored)
     return encoded
 
 
@@ -170,7 +173,11 @@ def column_values(block: Block, spec: ColumnSpec) -> Ints:
 
 def raw_column(values: Ints) -> bytes:
     """The decoded bytes of an attribute, component after component: what hash64 covers."""
-    return np.ascontiguousarray(values.reshape(values.shape[0], -1).T).tobytes()
+    return _planar(values).tobytes()
+
+
+def _planar(values: Ints) -> Ints:
+    return np.ascontiguousarray(values.reshape(values.shape[0], -1).T)
 
 
 def hash64(raw: Buffer) -> int:
@@ -179,32 +186,33 @@ def hash64(raw: Buffer) -> int:
 
 
 def _encode_column(
-    spec: ColumnSpec, values: Ints, lz4: str, filters: Filters, keep_raw: bool
+    spec: ColumnSpec, planar: Ints, lz4: str, filters: Filters, keep_raw: bool
 ) -> EncodedColumn:
-    raw = raw_column(values)
-    digest = hash64(raw)
-    if spec.name != "occupancy" and _all_equal(values):
-        packed = pack_constant(spec, values[0])
-        return EncodedColumn(b"", len(raw), 0, packed, CODEC_CONSTANT, plain.NONE, digest)
+    raw = planar.nbytes
+    digest = 0 if keep_raw else hash64(planar.reshape(-1).data)
+    if spec.name != "occupancy" and _all_equal(planar):
+        packed = pack_constant(spec, planar[:, 0])
+        return EncodedColumn(b"", raw, 0, packed, CODEC_CONSTANT, plain.NONE, digest)
     if keep_raw:
-        return EncodedColumn(raw, len(raw), crc32(raw), 0, CODEC_RAW, plain.NONE, digest)
+        return EncodedColumn(planar.tobytes(), raw, 0, 0, CODEC_RAW, plain.NONE, digest)
     best: tuple[bytes, int, int] | None = None
     for filter_id in spec.candidates:
-        whole = filters.apply_filter(filter_id, values, spec.bits).tobytes()
-        data, codec = compress(whole, lz4), CODEC_LZ4
+        whole = filters.apply_filter(filter_id, planar.T, spec.bits)
+        data, codec = compress(whole.data, lz4), CODEC_LZ4
         if len(data) >= len(whole):
-            data, codec = whole, CODEC_RAW
+            data, codec = whole.tobytes(), CODEC_RAW
         if best is None or len(data) < len(best[0]):
             best = (data, codec, filter_id)
     if best is None:
         raise ValueError(f"column {spec.name} has no filter to try")
     data, codec, filter_id = best
-    return EncodedColumn(data, len(raw), crc32(data), 0, codec, filter_id, digest)
+    return EncodedColumn(data, raw, crc32(data), 0, codec, filter_id, digest)
 
 
-def _all_equal(values: Ints) -> bool:
+def _all_equal(planar: Ints) -> bool:
     # Most columns differ at their ends: the whole comparison costs 5 ns a value.
-    return bool((values[0] == values[-1]).all() and (values == values[0]).all())
+    ends = planar[:, :: max(planar.shape[1] - 1, 1)].tolist()
+    return all(a[0] == a[-1] for a in ends) and bool((planar == planar[:, :1]).all())
 
 
 def pack_constant(spec: ColumnSpec, value: Ints) -> int:

@@ -8,10 +8,12 @@ import json
 
 import numpy as np
 
-from gstream.formats.blockfile import write_block_file
+from gstream.formats.blockfile import Fetch, write_block_file
 from gstream.formats.blockhead import BlockFileHeader
 from gstream.formats.cells import SCENE, Scene
+from gstream.formats.columns import hash64
 from gstream.formats.directory import Rows
+from gstream.formats.framing import CODEC_CONSTANT, crc32
 from gstream.formats.rows import pipeline_columns, rows_from_bytes
 from gstream.job import Job, Summary, Unit, VoxelizeSettings
 from gstream.run.publish import Scratch, publish
@@ -41,12 +43,18 @@ def work(job: Job, unit: Unit) -> None:
             piles += json.loads(scratch.read(f"{ABOVE}/{PILES}"))
         keep = settings.keep_weights or not settings.lod
         kept = [column for column in columns if column.name != "weight" or keep]
+
+        def fetch(pile: int, offset: int, length: int) -> bytes:
+            return scratch.read(piles[pile], offset, length)
+
+        if scene.weighted and keep and not settings.keep_weights:
+            _seal_weights(rows, fetch)
         with publish(job.output) as file:
             write_block_file(
                 file,
                 _header(scene, settings),
                 rows,
-                lambda pile, offset, length: scratch.read(piles[pile], offset, length),
+                fetch,
                 {**scene.metadata, "ledger": dict(scene.counts)},
                 kept,
             )
@@ -59,6 +67,18 @@ def finish(job: Job) -> Summary:
     with Scratch(job) as scratch:
         counts = scratch.finished(plan(job))[0]
     return Summary(NAME, counts)
+
+
+def _seal_weights(rows: Rows, fetch: Fetch) -> None:
+    """Set the CRC and hash of weights that were scratch for levels which are not made."""
+    for row in rows:
+        record = row["weight"]
+        if record["codec"] == CODEC_CONSTANT:
+            raw = np.full(int(row["count"]), record["constant"], "<u4").tobytes()
+        else:
+            raw = fetch(int(row["pile"]), int(record["offset"]), int(record["stored"]))
+            record["crc"] = crc32(raw)
+        row["hash"]["weight"] = hash64(raw)
 
 
 def _header(scene: Scene, settings: VoxelizeSettings) -> BlockFileHeader:

@@ -143,10 +143,12 @@ def test_a_column_of_one_value_is_a_constant_without_bytes(name, value, packed, 
     values = np.tile(np.array(value, spec.dtype), (count, 1))
     block = c.Block(np.arange(count, dtype=np.uint32), np.ones(count, np.uint8))
     setattr(block, name, values.reshape(-1) if spec.components == 1 else values)
-    column = c.encode_block(block, LOG2_EDGE, (name,), 11, "fast", stored={name})[name]
+    column = c.encode_block(block, LOG2_EDGE, (name,), 11, "fast")[name]
     raw = plain.apply_filter(plain.NONE, values, spec.bits).tobytes()
     wanted = c.EncodedColumn(b"", len(raw), 0, packed, CODEC_CONSTANT, 0, c.hash64(raw))
     assert column == wanted
+    scratch = c.encode_block(block, LOG2_EDGE, (name,), 11, "fast", stored={name})[name]
+    assert scratch == replace(wanted, hash64=0)
     np.testing.assert_array_equal(decoded(name, column, count), getattr(block, name))
 
 
@@ -157,12 +159,13 @@ def test_occupancy_is_never_a_constant():
     assert decoded("occupancy", column, 8**3, log2_edge=3).tolist() == list(range(8**3))
 
 
-def test_columns_named_as_stored_are_neither_filtered_nor_compressed():
+def test_columns_named_as_stored_are_neither_filtered_nor_compressed_nor_summed():
     block = sheet()
     encoded = c.encode_block(block, LOG2_EDGE, block.names(), 11, "hc", stored={"weight", "normal"})
     assert encoded["weight"].data == block.weight.tobytes()
     assert encoded["normal"].data == block.normal.T.tobytes()
     assert (encoded["normal"].codec, encoded["normal"].filter) == (CODEC_RAW, plain.NONE)
+    assert (encoded["normal"].crc, encoded["normal"].hash64) == (0, 0)
     assert encoded["mask"].codec == CODEC_LZ4
     for name in ("weight", "normal"):
         got = decoded(name, encoded[name], block.count, fast)
