@@ -1,7 +1,9 @@
 """Making a name appear: the only code that creates files under their final name.
 
-A file is written as `NAME.wip` in the same folder, fsynced, renamed, and its folder fsynced, so
-that whoever sees the name sees the whole file, also after a crash.
+A file is written as `NAME.wip` in the same folder, fsynced and renamed, so that whoever sees the
+name sees the whole file, also after a crash; the folder of an output is fsynced too. Scratch does
+without that, and its done markers without any: what a crash of the system takes of a name or a
+marker is a unit that is not done. That spares 7 of 10 fsyncs, 2 ms each.
 """
 
 import json
@@ -14,30 +16,36 @@ from typing import Any, BinaryIO, Self
 from gstream.errors import StoppedError
 from gstream.job import Job, Unit
 
+BUFFER_BYTES = 1 << 18  # columns of a few KB go to the system by the dozen
+
 
 @contextmanager
 def publish(path: str | Path) -> Iterator[BinaryIO]:
     """Open `path` for writing; it appears, complete and durable, when the block has ended well."""
     path = Path(path)
-    wip = path.with_name(path.name + ".wip")
-    try:
-        with open(wip, "wb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(wip, path)
-        _sync_folder(path.parent)
-    except BaseException:
-        wip.unlink(missing_ok=True)
-        raise
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
+    with _appearing(path) as file:
+        yield file
+    descriptor = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+@contextmanager
+def _appearing(path: Path, whole: bool = True) -> Iterator[BinaryIO]:
+    """Open `path` for writing; whole : after a crash, too, it has all its bytes or no name."""
+    wip = path.with_name(path.name + ".wip")
+    try:
+        with open(wip, "wb", BUFFER_BYTES) as file:
+            yield file
+            if whole:
+                file.flush()
+                os.fsync(file.fileno())
+        os.replace(wip, path)
+    except BaseException:
+        wip.unlink(missing_ok=True)
+        raise
 
 
 class Scratch:
@@ -55,10 +63,13 @@ class Scratch:
     @contextmanager
     def write(self, name: str) -> Iterator[BinaryIO]:
         """Publish a scratch file; its folder is made when missing."""
+        with _appearing(self._place(name)) as file:
+            yield file
+
+    def _place(self, name: str) -> Path:
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        with publish(path) as file:
-            yield file
+        return path
 
     def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes:
         """`length` bytes of a scratch file from `offset`, all the rest when None.
@@ -98,7 +109,7 @@ class Scratch:
     def mark_done(self, unit: Unit, counts: Mapping[str, Any], files: tuple[str, ...] = ()) -> None:
         """Record that `unit` is finished: the lengths of its files and what it counted."""
         record = {"files": {name: self.size(name) for name in files}, "counts": dict(counts)}
-        with self.write(_marker(unit)) as file:
+        with _appearing(self._place(_marker(unit)), whole=False) as file:
             file.write(json.dumps(record, sort_keys=True).encode())
 
     def done(self, unit: Unit) -> dict[str, Any] | None:
