@@ -67,7 +67,7 @@ def undo_filter(
         raise ValueError(f"there is no filter {filter_id}")
     count, components = shape
     values = np.empty(shape, dtype)
-    if filter_id == NONE:
+    if filter_id == NONE or (filter_id == BYTE_PLANES and values.itemsize == 1):
         for c, component in enumerate(data.view(dtype).reshape(components, count)):
             values[:, c] = component
     elif filter_id == BYTE_PLANES:
