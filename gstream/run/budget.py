@@ -51,7 +51,7 @@ class DiskNeed:
 SPILL_FACTOR = {True: 6, False: 1}  # gzipped meshes unpack to 3-6 times their size
 CELL_BYTES_PER_STREAM_BYTE = 2  # uncompressed, and repeated along cell borders
 SURFACE_VOXELS = 1.0  # level-0 voxels per resolution^2, for a plane; most scans have more
-PILE_BYTES_PER_VOXEL = 24  # finished columns twice (merged and simplified), before packing
+PILE_BYTES_PER_VOXEL = 24  # measured 4 to 7, of the 2 to 6 resolution^2 that closed surfaces have
 FILE_BYTES_PER_VOXEL = 6
 
 

@@ -1,4 +1,4 @@
-"""Merge: the piles of all cells to one list of level-0 blocks in Morton order.
+"""Merge: the piles of all cells to one list of blocks, level by level in Morton order.
 
 Finished blocks are not moved: merging orders their rows, and refuses two blocks of one key.
 """
@@ -18,7 +18,7 @@ from gstream.run.publish import Scratch
 
 NAME = "5-merge"
 SOURCE, PRESORTED = "4-voxelize", "3-presort"
-ROWS, PILES = "level-0.rows", "piles.json"
+ROWS, PILES = "blocks.rows", "piles.json"
 
 
 def plan(job: Job) -> list[Unit]:
@@ -36,11 +36,13 @@ def work(job: Job, unit: Unit) -> None:
             rows["pile"] = number
             parts.append(rows)
         merged = np.concatenate(parts)
-        merged = merged[np.argsort(merged["key"], kind="stable")]
-        twice = np.flatnonzero(merged["key"][1:] == merged["key"][:-1])
+        merged = merged[np.lexsort((merged["key"], merged["level"]))]
+        place = merged[["level", "key"]]
+        twice = np.flatnonzero(place[1:] == place[:-1])
         if len(twice):
             raise StoppedError(
-                f"two finished blocks have the key {int(merged['key'][twice[0]])}",
+                f"two finished blocks of level {place[twice[0]]['level']} have the key "
+                f"{place[twice[0]]['key']}",
                 f"delete {job.folder} and run again",
             )
         with scratch.write(f"{NAME}/{ROWS}") as file:

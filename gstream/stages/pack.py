@@ -19,7 +19,7 @@ from gstream.job import Job, Summary, Unit, VoxelizeSettings
 from gstream.run.publish import Scratch, publish
 
 NAME = "7-pack"
-FINEST, ABOVE = "5-merge", "6-simplify"
+MERGED, ABOVE = "5-merge", "6-simplify"
 PILES = "piles.json"
 
 
@@ -32,10 +32,10 @@ def work(job: Job, unit: Unit) -> None:
     """Lay out and write the block file, and publish it under its final name."""
     settings = job.voxelizing
     with Scratch(job) as scratch:
-        scene = Scene.from_json(scratch.read(f"{FINEST}/{SCENE}"))
+        scene = Scene.from_json(scratch.read(f"{MERGED}/{SCENE}"))
         columns = pipeline_columns(scene.colours, settings.normal_bits, scene.weighted)
-        rows, piles = rows_from_bytes(scratch.read(f"{FINEST}/level-0.rows"), columns), []
-        piles += json.loads(scratch.read(f"{FINEST}/{PILES}"))
+        rows, piles = rows_from_bytes(scratch.read(f"{MERGED}/blocks.rows"), columns), []
+        piles += json.loads(scratch.read(f"{MERGED}/{PILES}"))
         if settings.lod:
             above = rows_from_bytes(scratch.read(f"{ABOVE}/levels.rows"), columns)
             above["pile"] += len(piles)

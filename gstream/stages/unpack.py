@@ -4,17 +4,19 @@ It stands where merge stands when the levels of a finished file are (re)built, u
 """
 
 from gstream.formats.cells import SCENE, Scene
-from gstream.formats.columns import Block, encode_block
+from gstream.formats.columns import Block
 from gstream.formats.pile import PileWriter, read_pile_rows
-from gstream.formats.rows import names_json, pipeline_columns, tight_bounds
+from gstream.formats.rows import names_json
 from gstream.grid import Grid
 from gstream.job import Job, Summary, Unit
 from gstream.kernels import filters as fast
 from gstream.read import BlockFile, BlockView, open_block_file
 from gstream.run.publish import Scratch
+from gstream.stages import levels
+from gstream.stages.levels import LevelPile, job_columns
 
 NAME = "5-merge"
-ROWS, PILES, PILE = "level-0.rows", "piles.json", "level-0.gsp"
+ROWS, PILES, PILE = "blocks.rows", "piles.json", "level-0.gsp"
 
 
 def plan(job: Job) -> list[Unit]:
@@ -28,18 +30,13 @@ def work(job: Job, unit: Unit) -> None:
     names = {name: f"{NAME}/{name}" for name in (ROWS, PILES, PILE, SCENE)}
     with Scratch(job) as scratch, open_block_file(job.stream, filters=fast) as source:
         scene = _scene(source)
-        columns = pipeline_columns(scene.colours, settings.normal_bits, scene.weighted)
-        kept = tuple(column.name for column in columns)
-        log2_edge, voxels = settings.block.bit_length() - 1, 0
-        with scratch.write(names[PILE]) as file, PileWriter(file, columns) as pile:
+        with (
+            scratch.write(names[PILE]) as file,
+            PileWriter(file, job_columns(settings, scene)) as pile,
+        ):
+            finest = LevelPile(pile, settings, scene, top=0)
             for view in source.blocks(0):
-                block = _block(view, scene)
-                encoded = encode_block(
-                    block, log2_edge, kept, settings.normal_bits, settings.lz4, filters=fast
-                )
-                low, high = tight_bounds(block.morton)
-                pile.add(view.key, 0, block.count, low, high, 0, encoded)
-                voxels += block.count
+                finest.write(view.key, 0, _block(view, scene))
         rows = read_pile_rows(
             lambda at, n: scratch.read(names[PILE], at, n), scratch.size(names[PILE]), names[PILE]
         )
@@ -49,7 +46,7 @@ def work(job: Job, unit: Unit) -> None:
             file.write(names_json([names[PILE]]))
         with scratch.write(names[SCENE]) as file:
             file.write(scene.to_json().encode())
-        counts = {"blocks": len(rows), "voxels": voxels}
+        counts = {"blocks": finest.blocks, "voxels": finest.voxels}
         scratch.mark_done(unit, counts, tuple(names.values()))
 
 
@@ -61,7 +58,7 @@ def finish(job: Job) -> Summary:
 
 def warm() -> None:
     """Compile the kernels of this stage."""
-    fast.warm()
+    levels.warm()
 
 
 def _scene(source: BlockFile) -> Scene:

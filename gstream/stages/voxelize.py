@@ -1,7 +1,8 @@
-"""Voxelize: cells on disk to piles of finished level-0 blocks.
+"""Voxelize: cells on disk to piles of finished blocks, level 0 and the levels inside a cell.
 
 A unit is a run of cells in Morton order. Triangles stream through a cell; only its voxels take
 memory, and a cell whose voxels exceed the budget is filled in eight parts, down to single blocks.
+The levels up to the one whose blocks are cells are made while the blocks below are in memory.
 """
 
 from collections import Counter
@@ -13,17 +14,17 @@ from numpy.typing import NDArray
 
 from gstream.errors import RefusedError
 from gstream.formats.cells import LARGE, SCENE, SEGMENT, SEGMENTS, Scene
-from gstream.formats.columns import Block, encode_block
+from gstream.formats.columns import Block
 from gstream.formats.lodrule import COLOUR_TABLES, LINEAR_OF_CODE
 from gstream.formats.pile import PileWriter
-from gstream.formats.rows import pipeline_columns, tight_bounds
 from gstream.job import Job, Summary, Unit
-from gstream.kernels import filters as fast
 from gstream.kernels.lod import finish_voxels
 from gstream.kernels.presort import unpack, within
 from gstream.kernels.select import select_kept
 from gstream.kernels.voxelize import Box, BoxFullError, Rules, compact
 from gstream.run.publish import Scratch
+from gstream.stages import levels
+from gstream.stages.levels import LevelPile, coarsest_level, job_columns
 
 NAME = "4-voxelize"
 SOURCE = "3-presort"
@@ -62,24 +63,20 @@ def work(job: Job, unit: Unit) -> None:
     name = f"{NAME}/{unit.name}.gsp"
     with Scratch(job) as scratch:
         scene = _scene(scratch)
-        columns = pipeline_columns(scene.colours, settings.normal_bits)
-        names = tuple(column.name for column in columns)
         counts = dict.fromkeys(
             ("assigned", "unassigned", "fragments", "area_total", "area_pruned", "voxels"), 0
         )
         segments = _segments(scratch)[unit.data[0] : unit.data[1]]
-        log2_edge = settings.block.bit_length() - 1
+        log2_block = settings.block.bit_length() - 1
+        top = min(scene.cell_bits - log2_block, coarsest_level(settings, scene))
+        columns = job_columns(settings, scene)
         with scratch.write(name) as file, PileWriter(file, columns) as pile:
+            above = LevelPile(pile, settings, scene, top)
             for cell in np.unique(segments["cell"]):
                 filling = Filling(job, scene, scratch, segments[segments["cell"] == cell], counts)
                 for key, block in filling.blocks():
-                    stored = frozenset() if settings.keep_weights else frozenset({"weight"})
-                    encoded = encode_block(
-                        block, log2_edge, names, settings.normal_bits, settings.lz4,
-                        filters=fast, stored=stored,
-                    )  # fmt: skip
-                    low, high = tight_bounds(block.morton)
-                    pile.add(key, 0, block.count, low, high, 0, encoded)
+                    above.write(key, 0, block)
+            above.close()
         scratch.mark_done(unit, counts, (name,))
 
 
@@ -95,7 +92,7 @@ def finish(job: Job) -> Summary:
 
 def warm() -> None:
     """Compile the kernels of this stage."""
-    fast.warm()
+    levels.warm()
     corners = np.array([[[0, 0, 0], [40000, 100, 100], [100, 40000, 9000]]], np.int64)
     for channels in (0, 4):
         box = Box(Rules(12, "6", False, False), 8, channels)

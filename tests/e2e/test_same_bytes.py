@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from e2e.meshes import Floats, Ints, sphere, write_coloured_ply
+from e2e.meshes import Floats, Ints, sphere, write_coloured_ply, write_ply
 
 import gstream
 from gstream.grid import grid_of
@@ -49,7 +49,8 @@ def build(mesh: Path, folder: Path, *, ingest: dict[str, Any] | None = None, **m
 
 @pytest.mark.parametrize(("sep", "ties"), MODES)
 def test_cells_of_any_size_give_the_same_bytes(mesh, tmp_path, sep, ties):
-    files = {build(mesh, tmp_path, sep=sep, ties=ties, cell=cell) for cell in (32, 128, 256)}
+    # Cells of 16 are single blocks, whose levels simplify makes; one of 256 makes all of them.
+    files = {build(mesh, tmp_path, sep=sep, ties=ties, cell=cell) for cell in (16, 32, 128, 256)}
     assert len(files) == 1
 
 
@@ -85,6 +86,21 @@ def test_a_cell_too_dense_for_the_memory_is_split_and_gives_the_same_bytes(
     )
     assert build(mesh, tmp_path, sep="26") == whole
     assert min(grown) < 256
+
+
+@pytest.mark.parametrize("more", [{"lod": False}, {"keep_weights": True}])
+def test_cells_give_the_same_bytes_with_their_weights(mesh, tmp_path, more):
+    assert build(mesh, tmp_path, cell=16, **more) == build(mesh, tmp_path, cell=64, **more)
+
+
+def test_triangles_that_set_no_voxel_give_a_valid_file_of_none(tmp_path):
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 1]]) * 1e-6
+    corners = np.concatenate([points, 1 - points])
+    small = write_ply(tmp_path / "small.ply", corners, np.arange(6).reshape(2, 3))
+    build(small, tmp_path, sep="6", resolution=300)
+    assert gstream.check(tmp_path / "out.gsb").ok
+    with gstream.open(tmp_path / "out.gsb") as file:
+        assert file.metadata["ledger"]["voxels"] == [0] * file.levels
 
 
 def test_two_files_of_halves_give_the_voxels_of_the_whole(tmp_path, mesh):
