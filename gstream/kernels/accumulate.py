@@ -15,7 +15,8 @@ F64 = NDArray[np.float64]
 TILE_BITS = 9  # a tile holds 8^3 voxels
 TILE_VOXELS = 1 << TILE_BITS
 AREA, VECTOR, CHANNELS = 0, 1, 4  # columns of the sums: area, area vector (3), channels
-HIT = 64  # bit of the flags beside the six face bits
+HIT_BIT = 6  # of the flags, beside the six face bits
+HIT = 1 << HIT_BIT
 
 
 @kernel
@@ -41,15 +42,16 @@ def accumulate(
     tile_slots : (box voxels / 512,) i4   Morton tile -> row of tiles, -1 = none yet
     tiles : (t, 512) i4   Morton voxel in tile -> row of sums, -1 = none yet
     used : (2,) i8   tiles and voxels in use, updated
-    sums : (v, 4 + c) i8   area, area vector, channels times area; unit 2^-26 voxel face
-    flags : (v,) u1   face mask bits, and HIT where a target was met
+    sums : (v, 4 + c) i8   area, area vector, channels times area; unit 2^-26 voxel face; zero
+        from row used[1] on
+    flags : (v,) u1   face mask bits, and HIT where a target was met; zero from used[1] on
     returns : int   fragments added; fewer than `fragments` where `tiles` or `sums` is full
     """
     tile_count, voxel_count = used[0], used[1]
     done = fragments
     for f in range(fragments):
         key = np.int64(keys[f])
-        slot = np.int64(tile_slots[key >> TILE_BITS])
+        slot = np.int64(tile_slots[np.uint64(key >> TILE_BITS)])
         if slot < 0:
             if tile_count == tiles.shape[0]:
                 done = f
@@ -59,28 +61,31 @@ def accumulate(
             for i in range(TILE_VOXELS):
                 tiles[slot, i] = -1
             tile_count += 1
-        row = np.int64(tiles[slot, key & (TILE_VOXELS - 1)])
+        place = np.uint64(key & (TILE_VOXELS - 1))
+        row = np.int64(tiles[np.uint64(slot), place])
         if row < 0:
             if voxel_count == sums.shape[0]:
                 done = f
                 break
             row = voxel_count
-            tiles[slot, key & (TILE_VOXELS - 1)] = row
-            for c in range(sums.shape[1]):
-                sums[row, c] = 0
-            flags[row] = 0
+            tiles[np.uint64(slot), place] = row
             voxel_count += 1
         # Unsigned: a signed index costs a test for negative ones at each access.
         at, t = np.uint64(row), np.uint64(owners[f])
         area = max(areas[f], 1.0)
-        weight = np.int64(np.rint(area))
-        sums[at, AREA] += weight
-        sums[at, VECTOR] += np.int64(np.rint(area * normals[t, 0]))
-        sums[at, VECTOR + 1] += np.int64(np.rint(area * normals[t, 1]))
-        sums[at, VECTOR + 2] += np.int64(np.rint(area * normals[t, 2]))
+        # All loads before all stores: so the four become one vector.
+        x, y, z = normals[t, 1], normals[t, 2], normals[t, 3]
+        share = normals[t, 0]
+        s0, s1, s2, s3 = sums[at, 0], sums[at, 1], sums[at, 2], sums[at, 3]
+        s0 += np.int64(np.rint(area * share))
+        s1 += np.int64(np.rint(area * x))
+        s2 += np.int64(np.rint(area * y))
+        s3 += np.int64(np.rint(area * z))
+        sums[at, 0], sums[at, 1], sums[at, 2], sums[at, 3] = s0, s1, s2, s3
+        weight = np.rint(area)
         for c in range(channels.shape[1]):
             sums[at, CHANNELS + c] += np.int64(np.rint(weight * channels[f, c]))
-        flags[at] |= masks[t] | (HIT if hits[f] else 0)
+        flags[at] |= masks[t] | (np.uint8(hits[f]) << HIT_BIT)
     used[0], used[1] = tile_count, voxel_count
     return done
 

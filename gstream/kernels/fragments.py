@@ -28,7 +28,6 @@ from gstream.kernels.overlap import (
     prepare_plane,
     unit_normal,
 )
-from gstream.kernels.small import CELLS, EDGE, emit_small, load_small
 from gstream.kernels.targets import meets_centre_lines, meets_diagonals, prepare_diagonals
 
 I64 = NDArray[np.int64]
@@ -36,7 +35,7 @@ F64 = NDArray[np.float64]
 
 CONSERVATIVE, SIX, TWENTY_SIX = 0, 6, 26
 SLAB_FRAGMENTS = 4096  # room for a slab of 256 columns: closed ties add 2 voxels to a column
-BUFFER_FRAGMENTS = 12_288
+BUFFER_FRAGMENTS = 16_448
 FEW_VOXELS = 4  # along w: up to here every voxel is tested, above the range is computed
 
 
@@ -125,37 +124,11 @@ def mean_channels(gradients: F64, u: float, v: float, means: F64) -> None:
         means[c] = min(max(value, gradients[c, 3]), gradients[c, 4])
 
 
-@part
-def test_small(
-    tri: I64, plane: I64, box: I64, k: int, closed: bool, mode: int, edges: I64, centres: I64,
-    lines: I64, ends: I64, voxel: I64, places: NDArray[np.int32], hits: NDArray[np.bool_],
-    start: int, stop: int,
-) -> bool:  # fmt: skip
-    """Targets of fragments that `emit_small` wrote; returns whether any was met.
-
-    places : (b,) i4   voxels in the triangle's box, u + 8 v + 64 w
-    hits : (b,) bool   out
-    """
-    w = dominant_axis(plane, box)
-    u, v = (w + 1) % 3, (w + 2) % 3
-    found = False
-    for f in range(start, stop):
-        place = np.int64(places[f])
-        voxel[u], voxel[v], voxel[w] = place & 7, (place >> 3) & 7, place >> 6
-        value = plane[0] * voxel[0] + plane[1] * voxel[1] + plane[2] * voxel[2]
-        if mode == SIX:
-            hit = meets_centre_lines(tri, plane, edges, centres, k, closed, voxel, value)
-        else:
-            hit = meets_diagonals(tri, plane, lines, ends, k, closed, voxel, value)
-        hits[f] = hit
-        found |= hit
-    return found
-
-
 @kernel
 def emit(
     corners: I64,
     values: F64,
+    chosen: NDArray[np.int32],
     rules: tuple[int, int, bool, bool],
     room: tuple[int, int, int],
     resume: tuple[int, int],
@@ -173,21 +146,23 @@ def emit(
 
     corners : (n, 3, 3) i8   snap units relative to the box's low corner
     values : (n, 3, c) f8   channels at the corners (c may be 0)
+    chosen : (n,) i4   triangles in the order in which to take them
     rules : (snap bits, mode, closed ties, faces both)
     room : voxels of the box along x, y, z, at most 256 each
-    resume : (triangle, slab) to go on with; slab -1 = the triangle's start
+    resume : (place in `chosen`, slab) to go on with; slab -1 = the triangle's start
     spread : (256,) u4   Morton code of (i, 0, 0)
-    normals, masks, assigned : (n, 3) f8, (n,) u1, (n,) bool   out, per triangle
+    normals, masks, assigned : (n, 4) f8, (n,) u1, (n,) bool   out, per triangle; column 0 of the
+        normals is 1, the share of the area itself, and stays
     keys, owners, hits, areas : (b,) u4, i4, bool, f8   out: Morton code in the box, triangle,
         target met, area in accumulator units
     channels : (b, c) f8   out: channel means over the fragment
-    returns : (triangle, slab, fragments)   where to resume, and how many fragments were written
+    returns : (place, slab, fragments)   where to resume, and how many fragments were written
     source : numerics.md section 2 and 3; thesis 3.1.1
     """
     # One long function on purpose: the compiler knows that arrays made here do not overlap. With
     # slabs and columns in parts of their own, large and coloured triangles took twice the time.
     k, mode, closed, both = rules
-    t, slab = resume
+    place, slab = resume
     scale = 1.0 / (1 << k)
     has_channels = values.shape[2] > 0
     tri = np.empty((3, 3), np.int64)
@@ -206,45 +181,15 @@ def emit(
     heights = np.empty(CORNERS)
     gradients = np.empty((values.shape[2], 5))
     count = 0
-    scratch = (
-        np.empty(3 * EDGE * EDGE, np.int64),
-        np.empty((3, 3)),
-        np.empty((3, 3), np.int64),
-        np.empty(2 * CELLS),
-        np.empty(EDGE, np.uint32),
-    )
-    while t < corners.shape[0]:
-        turn = 0 if has_channels else load_small(corners[t], k, closed, tri, box)
-        if turn != 0:
-            if count + CELLS > keys.shape[0]:
-                return t, -1, count
-            start = count
-            count = emit_small(
-                t, turn, k, closed, both, room, tri, box, plane, scratch, spread,
-                normals, masks, keys, owners, areas, count,
-            )  # fmt: skip
-            if count > start and mode != CONSERVATIVE:
-                prepare_plane(tri, k, closed, box[1], plane)
-                prepare_edges(tri, plane, k, closed, edges, centres)
-                if mode == TWENTY_SIX:
-                    prepare_diagonals(tri, plane, k, closed, lines, ends)
-                assigned[t] |= test_small(
-                    tri, plane, box, k, closed, mode, edges, centres, lines, ends, voxel,
-                    owners, hits, start, count,
-                )  # fmt: skip
-            elif count > start:
-                assigned[t] = True
-                hits[start:count] = True
-            owners[start:count] = t
-            t, slab = t + 1, -1
-            continue
+    while place < chosen.shape[0]:
+        t = np.int64(chosen[place])
         turn = load_triangle(corners[t], k, closed, tri, box, order)
         if not clip_to_room(box, room):
-            t, slab = t + 1, -1
+            place, slab = place + 1, -1
             continue
         prepare_normal(tri, plane)
         if plane_out_of_reach(plane, tri, k, box[1]):
-            t, slab = t + 1, -1
+            place, slab = place + 1, -1
             continue
         prepare_plane(tri, k, closed, box[1], plane)
         prepare_edges(tri, plane, k, closed, edges, centres)
@@ -252,7 +197,7 @@ def emit(
             prepare_diagonals(tri, plane, k, closed, lines, ends)
         w = dominant_axis(plane, box)
         u, v = (w + 1) % 3, (w + 2) % 3
-        length = unit_normal(plane, turn, normals[t])
+        length = unit_normal(plane, turn, normals[t, 1:])
         masks[t] = face_mask(plane, turn, both)
         flat = plane[w] == 0
         inverse = 0.0 if flat else 1.0 / np.float64(plane[w])
@@ -280,7 +225,7 @@ def emit(
         i = box[1, u] if slab < 0 else slab
         while i <= box[2, u]:
             if count + SLAB_FRAGMENTS > keys.shape[0]:
-                return t, i, count
+                return place, i, count
             strip_corners = -1
             for j in range(box[1, v], box[2, v] + 1):
                 inside_0 = a0 * i + b0 * j + c0
@@ -403,5 +348,5 @@ def emit(
                         mean_channels(gradients, mean_u, mean_v, channels[count])
                     count += 1
             i += 1
-        t, slab = t + 1, -1
-    return t, -1, count
+        place, slab = place + 1, -1
+    return place, -1, count

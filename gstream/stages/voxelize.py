@@ -93,17 +93,18 @@ def finish(job: Job) -> Summary:
 def warm() -> None:
     """Compile the kernels of this stage."""
     levels.warm()
-    corners = np.array([[[0, 0, 0], [40000, 100, 100], [100, 40000, 9000]]], np.int64)
+    large = [[0, 0, 0], [40000, 100, 100], [100, 40000, 9000]]
+    corners = np.array([large, [[0, 0, 0], [4000, 0, 0], [0, 4000, 900]]], np.int64)
     for channels in (0, 4):
         box = Box(Rules(12, "6", False, False), 8, channels)
-        box.add(corners, np.zeros((1, 3, channels)))
+        box.add(corners, np.zeros((2, 3, channels)))
         rows, codes = box.collect(0, 1)
         _, area, vector, colour, mask, _, _ = select_kept(
             rows, codes, box.sums, box.flags, channels == 4, False
         )
         finish_voxels(area, vector, colour, mask, 11, COLOUR_TABLES)
-    unpack(np.zeros((1, 3), np.uint64), 0, np.zeros(3, np.int64), corners)
-    within(corners, 12, False, np.zeros(3, np.int64), np.ones(3, np.int64), np.zeros(1, np.bool_))
+    unpack(np.zeros((2, 3), np.uint64), 0, np.zeros(3, np.int64), corners)
+    within(corners, 12, False, np.zeros(3, np.int64), np.ones(3, np.int64), np.zeros(2, np.bool_))
 
 
 class Filling:
