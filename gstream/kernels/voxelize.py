@@ -54,40 +54,31 @@ class Rules:
 
 
 class Box:
-    """A cube of edge^3 voxels that collects fragments.
+    """A cube of edge^3 voxels that collects fragments; `start` makes it another one, empty again.
 
-    edge : voxels per edge, a power of two, 8 to 256
     channels : attribute channels per corner besides the geometry (colour 4, input normal 3)
-    room : voxels that may be set along x, y, z: less than the edge where the grid ends inside
-    limit_bytes : BoxFullError when the arrays would grow beyond it
     """
 
-    def __init__(
-        self,
-        rules: Rules,
-        edge: int,
-        channels: int,
-        room: tuple[int, int, int] | None = None,
-        limit_bytes: int = 1 << 40,
-    ) -> None:
-        self.used = np.zeros(2, np.int64)
-        self._allocate(channels)
+    def __init__(self, channels: int) -> None:
         b = frag.BUFFER_FRAGMENTS
         self._keys, self._owners = np.empty(b, np.uint32), np.empty(b, np.int32)
         self._hits, self._areas = np.empty(b, np.bool_), np.empty(b)
         self._values = np.empty((b, channels))
-        self.restart(rules, edge, room, limit_bytes)
+        self.used = np.zeros(2, np.int64)
+        self._allocate(channels)
 
-    def restart(
+    def start(
         self,
         rules: Rules,
         edge: int,
         room: tuple[int, int, int] | None = None,
         limit_bytes: int = 1 << 40,
     ) -> None:
-        """Empty the box and let it be another one; it keeps its arrays.
+        """Begin with an empty box, in the arrays of the last one.
 
-        New arrays for each cell cost a page fault per 4 KB: half of the time of `accumulate`.
+        edge : voxels per edge, a power of two, 8 to 256
+        room : voxels that may be set along x, y, z: less than the edge where the grid ends inside
+        limit_bytes : BoxFullError when the arrays would grow beyond it
         """
         self.rules, self.limit_bytes = rules, limit_bytes
         self.edge, self.room = edge, room or (edge, edge, edge)
@@ -113,7 +104,7 @@ class Box:
 
         corners : (n, 3, 3) i8   snap units relative to the box's low corner
         values : (n, 3, channels) f8
-        errors : BoxFullError; the box is then useless
+        errors : BoxFullError; the box is then of no use until the next start
         """
         assigned = np.zeros(len(corners), np.bool_)
         for first in range(0, len(corners), BATCH_TRIANGLES):
@@ -216,7 +207,8 @@ def voxelize_triangles(
     """
     if channels is None:
         channels = np.zeros((len(vertices), 3, 0))
-    box = Box(Rules(snap_bits, sep, ties == "closed", False), box_edge, channels.shape[2])
+    box = Box(channels.shape[2])
+    box.start(Rules(snap_bits, sep, ties == "closed", False), box_edge)
     low = np.array(box_low, np.int64)
     assigned = box.add(vertices - (low << snap_bits), channels)
     rows, codes = box.collect(0, 1)
