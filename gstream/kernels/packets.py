@@ -83,7 +83,7 @@ def load(corners: I64, chosen: I32, first: int, count: int, words: I64) -> None:
 
 @part
 def shape(k: int, words: I64) -> None:
-    """Into row VALUE: which box shape a triangle has, or SHAPES where it is not small."""
+    """Into row VALUE: a code of the box' voxels along u, v, w, or SHAPES where it is not small."""
     for lane in range(LANES):
         x0, y0, z0 = words[at(0, lane)], words[at(1, lane)], words[at(2, lane)]
         x1, y1, z1 = words[at(3, lane)], words[at(4, lane)], words[at(5, lane)]
@@ -95,7 +95,11 @@ def shape(k: int, words: I64) -> None:
         n_y = abs((z1 - z0) * (x2 - x0) - (x1 - x0) * (z2 - z0))
         n_z = abs((x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0))
         u = first_axis(n_x, n_y, n_z)
-        code = 64 * pick(u, z, x, y) + 8 * pick(u, y, z, x) + pick(u, x, y, z)
+        wide, long, deep = pick(u, x, y, z), pick(u, y, z, x), pick(u, z, x, y)
+        # In serpentines, so that neighbours in the order differ by one voxel along one axis.
+        turned_wide = EDGE - 1 - wide if long & 1 else wide
+        turned_long = EDGE - 1 - long if deep & 1 else long
+        code = EDGE * EDGE * deep + EDGE * turned_long + turned_wide
         small = (max(x, y, z) < EDGE) & ((max(n_x, n_y, n_z) > 0) | (code == 0))
         words[at(VALUE, lane)] = code if small else SHAPES
 
@@ -116,7 +120,7 @@ def arrange(
     corners : (n, 3, 3) i8   snap units
     channels : int   attribute channels; with any, no triangle goes to `emit_packets`
     order : (n,) i4   out: a permutation of the triangles, stable within a shape
-    shapes : (n,) i2   out: of triangle order[i], (w, v, u) voxels less one, 3 bits each
+    shapes : (n,) i2   out: the shape of triangle order[i], see `shape`
     returns : int   how many of `order` go to `emit_packets`
     """
     n = corners.shape[0]
@@ -249,7 +253,10 @@ def largest(shapes: NDArray[np.int16], first: int, used: int) -> tuple[int, int,
     wide, long, deep = 0, 0, 0
     for place in range(first, first + used):
         code = np.int64(shapes[place])
-        wide, long, deep = max(wide, code & 7), max(long, code >> 3 & 7), max(deep, code >> 6)
+        this_deep, this_long, this_wide = code >> 6, code >> 3 & 7, code & 7
+        this_long = EDGE - 1 - this_long if this_deep & 1 else this_long
+        this_wide = EDGE - 1 - this_wide if this_long & 1 else this_wide
+        wide, long, deep = max(wide, this_wide), max(long, this_long), max(deep, this_deep)
     return wide + 1, long + 1, deep + 1
 
 
