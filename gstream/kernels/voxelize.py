@@ -148,7 +148,7 @@ class Box:
     def _grow(self) -> None:
         tiles, sums, flags = self.tiles, self.sums, self.flags
         more_tiles = tiles.nbytes if self.used[0] == len(tiles) else 0
-        more_sums = sums.nbytes + flags.nbytes if self.used[1] == len(sums) else 0
+        more_sums = sums.nbytes + flags.nbytes if self.used[1] + acc.CHUNK > len(sums) else 0
         held = tiles.nbytes + sums.nbytes + flags.nbytes
         if held + more_tiles + more_sums > self.limit_bytes:
             raise BoxFullError
