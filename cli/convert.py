@@ -103,6 +103,7 @@ def _voxelize(values: dict[str, Any]) -> VoxelizeSettings:
         ties=values["ties"],
         resolution=values["resolution"],
         voxel_size=values["voxel_size"],
+        snap_bits=values["snap_bits"],
         block=values["block"],
         lod=not values["no_lod"],
         keep_weights=values["keep_weights"],

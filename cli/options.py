@@ -143,6 +143,12 @@ voxelizing = stack(
     click.option("--resolution", type=int, help="Voxels along the longest axis, 1 to 65536."),
     click.option("--voxel-size", type=float, help="Edge of a voxel in the scene's units instead."),
     click.option(
+        "--snap-bits",
+        type=int,
+        metavar="K",
+        help="Snap vertices to voxel / 2^K.  [default: 12, or what is left of 26 bits]",
+    ),
+    click.option(
         "--sep",
         type=click.Choice(["6", "26", "conservative"]),
         default="6",

@@ -37,7 +37,8 @@ def build(
 
     ingest : fields of `gstream.job.IngestSettings` beside the inputs
     voxelize : fields of `gstream.job.VoxelizeSettings`: resolution or voxel_size (one of them is
-        needed), sep, ties, block, lod, keep_weights, faces, normals, normal_bits, lz4, cell
+        needed), snap_bits, sep, ties, block, lod, keep_weights, faces, normals, normal_bits, lz4,
+        cell
     workers : processes, 0 = this one, None = one per processor
     memory : bytes for all processes together
     errors : GstreamError, as the command line has them (gstream.errors)

@@ -4,7 +4,7 @@ Source: architecture.md section 4; the snap budget L + k <= 26 keeps every exact
 """
 
 from dataclasses import dataclass
-from math import ceil, floor, isfinite, log2
+from math import ceil, floor, isfinite
 
 from gstream.errors import UsageError
 
@@ -39,18 +39,28 @@ class Grid:
 
 
 def grid_of(
-    resolution: int | None, voxel_size: float | None, box: Box, bounds: Box | None = None
+    resolution: int | None,
+    voxel_size: float | None,
+    box: Box,
+    bounds: Box | None = None,
+    snap_bits: int | None = None,
 ) -> Grid:
-    """The grid of a scene with the given box, or of its part inside `bounds` where given."""
+    """The grid of a scene with the given box, or of its part inside `bounds` where given.
+
+    snap_bits : k, or None for as many as `most_snap_bits` allows
+    errors : UsageError for a grid that cannot be, with the limit
+    """
     low, high = bounds or box
     if resolution is not None:
-        return grid_of_resolution(low, high, resolution, box)
+        return grid_of_resolution(low, high, resolution, box, snap_bits)
     if voxel_size is not None:
-        return grid_of_voxel_size(low, high, voxel_size, box)
+        return grid_of_voxel_size(low, high, voxel_size, box, snap_bits)
     raise UsageError("neither a resolution nor a voxel size is given", "give one of the two")
 
 
-def grid_of_resolution(low: Point, high: Point, resolution: int, scene: Box) -> Grid:
+def grid_of_resolution(
+    low: Point, high: Point, resolution: int, scene: Box, snap_bits: int | None = None
+) -> Grid:
     """The cube of resolution^3 voxels centred on the box, 2^-10 wider than its largest extent.
 
     scene: the box of everything that will be snapped, which may reach beyond low..high.
@@ -64,10 +74,12 @@ def grid_of_resolution(low: Point, high: Point, resolution: int, scene: Box) -> 
     voxel_size = extent * (1 + 2.0**-10) / resolution if extent > 0 else 1.0
     reach = voxel_size * resolution / 2
     x, y, z = ((l / 2 + h / 2) - reach for l, h in zip(low, high, strict=True))
-    return _snapped(resolution, voxel_size, (x, y, z), scene)
+    return _snapped(resolution, voxel_size, (x, y, z), scene, snap_bits)
 
 
-def grid_of_voxel_size(low: Point, high: Point, voxel_size: float, scene: Box) -> Grid:
+def grid_of_voxel_size(
+    low: Point, high: Point, voxel_size: float, scene: Box, snap_bits: int | None = None
+) -> Grid:
     """The smallest cube on the lattice of multiples of voxel_size that holds low..high."""
     if not (isfinite(voxel_size) and voxel_size > 0):
         raise UsageError(f"--voxel-size {voxel_size} is out of range", "give a positive length")
@@ -87,10 +99,29 @@ def grid_of_voxel_size(low: Point, high: Point, voxel_size: float, scene: Box) -
             f"give at least {least:.6g}",
         )
     x, y, z = (a * voxel_size for a in first)
-    return _snapped(resolution, voxel_size, (x, y, z), scene)
+    return _snapped(resolution, voxel_size, (x, y, z), scene, snap_bits)
 
 
-def _snapped(resolution: int, voxel_size: float, origin: Point, scene: Box) -> Grid:
+def most_snap_bits(reach: int) -> int:
+    """The largest k where coordinates span `reach` voxels."""
+    bits = max(1, (reach - 1).bit_length())
+    return min(MAX_SNAP_BITS, COORDINATE_BITS - bits)
+
+
+def check_snap_bits(snap_bits: int, reach: int) -> None:
+    """errors : UsageError where k is over the budget of coordinates that span `reach` voxels."""
+    most = most_snap_bits(reach)
+    if not 1 <= snap_bits <= most:
+        raise UsageError(
+            f"--snap-bits {snap_bits} is out of range: coordinates span {reach} voxels, and their "
+            f"bits and these are at most {COORDINATE_BITS} together",
+            f"give 1 to {most}, or fewer voxels",
+        )
+
+
+def _snapped(
+    resolution: int, voxel_size: float, origin: Point, scene: Box, snap_bits: int | None
+) -> Grid:
     if not (isfinite(voxel_size) and voxel_size > 0 and all(map(isfinite, origin))):
         raise UsageError("the scene's extent is beyond double precision", "scale the scene down")
     reach = [resolution]
@@ -98,11 +129,12 @@ def _snapped(resolution: int, voxel_size: float, origin: Point, scene: Box) -> G
         first = min(0.0, (scene[0][axis] - origin[axis]) / voxel_size)
         last = max(float(resolution), (scene[1][axis] - origin[axis]) / voxel_size)
         reach.append(ceil(last - first))
-    bits = max(1, ceil(log2(max(reach))))
-    snap_bits = min(MAX_SNAP_BITS, COORDINATE_BITS - bits)
-    if snap_bits < MIN_SNAP_BITS:
+    if most_snap_bits(max(reach)) < MIN_SNAP_BITS:
         raise UsageError(
-            f"the scene reaches over 2^{bits} voxels, far beyond its --bounds",
+            f"the scene reaches over {max(reach)} voxels, far beyond its --bounds",
             "widen --bounds, crop the scene, or use larger voxels",
         )
+    if snap_bits is None:
+        snap_bits = most_snap_bits(max(reach))
+    check_snap_bits(snap_bits, max(reach))
     return Grid(resolution, voxel_size, origin, snap_bits)

@@ -35,6 +35,7 @@ class VoxelizeSettings:
         None  # voxels per axis; exactly one of resolution and voxel_size is given
     )
     voxel_size: float | None = None  # world units
+    snap_bits: int | None = None  # vertices snap to voxel / 2^k; None = as many as the grid allows
     block: int = 64  # voxels per block edge: a power of two, 8 to 256
     lod: bool = True
     keep_weights: bool = False

@@ -15,7 +15,7 @@ from typing import cast
 
 from gstream import __version__
 from gstream.errors import UsageError
-from gstream.grid import MAX_RESOLUTION
+from gstream.grid import MAX_RESOLUTION, check_snap_bits
 from gstream.job import IngestSettings, Job, VoxelizeSettings
 from gstream.read import open_block_file
 from gstream.run.budget import DiskNeed, check_disk, disk_of_ingest, disk_of_voxelize, plan_memory
@@ -215,6 +215,8 @@ def check_voxelize(settings: VoxelizeSettings) -> None:
         raise UsageError(said, f"give 1 to {MAX_RESOLUTION} voxels per axis")
     if size is not None and not (isfinite(size) and size > 0):
         raise UsageError(f"--voxel-size {size} is out of range", "give a positive length")
+    if settings.snap_bits is not None:
+        check_snap_bits(settings.snap_bits, resolution or 1)
     if settings.block not in BLOCK_EDGES:
         raise UsageError(
             f"--block {settings.block} is out of range", "give a power of two, 8 to 256"

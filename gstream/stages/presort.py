@@ -72,7 +72,7 @@ def _scene(job: Job, reader: StreamReader) -> Scene:
     corners = (tuple(bounds[:3]), tuple(bounds[3:])) if bounds else None
     low, high = reader.box
     box = ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
-    grid = grid_of(settings.resolution, settings.voxel_size, box, corners)
+    grid = grid_of(settings.resolution, settings.voxel_size, box, corners, settings.snap_bits)
     cell = max(settings.cell, settings.block, -(-grid.resolution // 256))
     return Scene(
         grid=grid,

@@ -113,12 +113,15 @@ def test_two_files_of_halves_give_the_voxels_of_the_whole(tmp_path, mesh):
     assert (tmp_path / "two.gsb").read_bytes() == build(mesh, tmp_path)
 
 
+@pytest.mark.parametrize("snap_bits", [None, 3])
 @pytest.mark.parametrize(("sep", "ties"), MODES)
-def test_the_pipeline_sets_the_voxels_and_fates_of_one_exact_box(mesh, tmp_path, sep, ties):
-    build(mesh, tmp_path, sep=sep, ties=ties, cell=32)
+def test_the_pipeline_sets_the_voxels_and_fates_of_one_exact_box(
+    mesh, tmp_path, sep, ties, snap_bits
+):
+    build(mesh, tmp_path, sep=sep, ties=ties, cell=32, snap_bits=snap_bits)
     points, _, triangles = scene()
     box = (tuple(points[triangles].min((0, 1))), tuple(points[triangles].max((0, 1))))
-    grid = grid_of(RESOLUTION, None, box)
+    grid = grid_of(RESOLUTION, None, box, None, snap_bits)
     snapped = np.empty((len(points), 3), np.int64)
     snap(points, np.array(grid.origin), 2.0**grid.snap_bits / grid.voxel_size, snapped)
     channels = np.zeros((len(triangles), 3, 4))  # with colours areas are summed another way

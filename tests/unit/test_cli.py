@@ -139,6 +139,11 @@ end_header
             ["build", "a.ply", "-o", "x.gsb", "--voxel-size", "1", "--resolution", "4"],
             "the voxels have two sizes; give either --resolution or --voxel-size",
         ),
+        (
+            ["build", "a.ply", "-o", "x.gsb", "--resolution", "65536", "--snap-bits", "11"],
+            "coordinates span 65536 voxels, and their bits and these are at most 26 together; "
+            "give 1 to 10, or fewer voxels",
+        ),
         (["build", "a.ply", "-o", "x.gsb", "--resolution", "9", "--block", "48"], "--block 48 is"),
         (["build", "a.ply", "-o", "x.gsb", "--resolution", "9", "--cell", "32"], "--cell 32 is"),
         (["build", "a.ply", "-o", "x.gsb", "--resolution", "9", "--memory", "lots"], "Invalid val"),
