@@ -96,32 +96,3 @@ def accumulate(
         start += size
     used[0], used[1] = tile_count, voxel_count
     return start
-
-
-@kernel
-def collect(
-    tile_slots: NDArray[np.int32],
-    tiles: NDArray[np.int32],
-    first_tile: int,
-    last_tile: int,
-    rows: NDArray[np.int32],
-    codes: NDArray[np.uint32],
-) -> int:
-    """Voxels of a range of Morton tiles, in Morton order.
-
-    first_tile, last_tile : half-open range of tile_slots
-    rows, codes : (n,) i4, u4   out: row of the sums, Morton code relative to the first tile
-    returns : int   voxels found
-    """
-    count = 0
-    for tile in range(first_tile, last_tile):
-        slot = tile_slots[tile]
-        if slot < 0:
-            continue
-        for i in range(TILE_VOXELS):
-            row = tiles[slot, i]
-            if row >= 0:
-                rows[count] = row
-                codes[count] = np.uint32(((tile - first_tile) << TILE_BITS) | i)
-                count += 1
-    return count

@@ -7,8 +7,10 @@ linear of code (256,) u16 and code of linear (65536,) u8.
 import numpy as np
 
 from gstream.kernels import kernel, part
-from gstream.kernels.octahedral import decode_normals, encode_normals
+from gstream.kernels.accumulate import AREA, CHANNELS, VECTOR
+from gstream.kernels.octahedral import BATCH, decode_normals, encode_batch, encode_normals
 
+FACE_BITS = np.uint8(63)
 MAX_WEIGHT = (1 << 32) - 1
 # A quotient total / weight is an integer or, relative to it, at least 1 / total below the next:
 # up to here binary64 cannot round it up, and its division is 4 times faster than the integers'.
@@ -139,27 +141,43 @@ def merge_weights(weights, parents, sums, out):
 
 
 @kernel
-def finish_voxels(area, area_vector, colour_sum, mask, normal_bits, tables):
+def finish_voxels(rows, sums, flags, colours, normals, normal_bits, tables):
     """Columns of level 0 from the voxelizer's sums.
 
-    area, area_vector : (m,) int64 in 2^-26 voxel faces, (m, 3) int64
-    colour_sum : (m, 4) int64   sums of area * linear u16 (R, G, B) and area * alpha; or (0, 4)
-    mask, normal_bits, tables : (m,) u8, int, see above
+    Batch by batch, so that what is gathered stays in the L1 cache.
+
+    rows : (m,) i4   the voxels' rows of the sums
+    sums, flags : (v, 4 + c) i8, (v,) u1   as `accumulate` left them
+    colours, normals : bool   channels 0 to 3 are sums of area * linear u16 (R, G, B) and
+        area * alpha; the last 3 are input normal sums
+    normal_bits, tables : int, see above
     returns: mask (m,) u8, 0 becomes 63; normal (m, 2) u16; colour (m, 4) or (0, 4) u8; weight u32
     errors : none
     source : spec, "Levels of detail": one weight unit is 2^-20 voxel faces
     """
-    m = area.size
-    out_mask = np.empty(m, np.uint8)
-    out_normal = encode_normals(area_vector, normal_bits)
-    out_colour = np.empty((colour_sum.shape[0], 4), np.uint8)
-    out_weight = np.empty(m, np.uint32)
-    for i in range(m):
-        out_mask[i] = mask[i] if mask[i] != 0 else 63
-        out_weight[i] = min(max((area[i] + 32) >> 6, 1), MAX_WEIGHT)
-    for i in range(colour_sum.shape[0]):
-        total = max(area[i], 1)
+    out_mask = np.empty(rows.size, np.uint8)
+    out_normal = np.empty(rows.size, np.uint32)
+    out_colour = np.empty((rows.size if colours else 0, 4), np.uint8)
+    out_weight = np.empty(rows.size, np.uint32)
+    first = np.uint64(sums.shape[1] - 3 if normals else VECTOR)
+    directions = np.empty((BATCH, 3), np.int64)
+    vectors, found = np.empty((3, BATCH)), np.empty((2, BATCH))
+    for begin in range(0, rows.size, BATCH):
+        batch = rows[begin : begin + BATCH]
+        mask, weight = out_mask[begin : begin + BATCH], out_weight[begin : begin + BATCH]
+        for i in range(np.uint64(batch.size)):
+            row = np.uint64(batch[i])
+            for c in range(np.uint64(3)):
+                directions[i, c] = sums[row, first + c]
+            faces = flags[row] & FACE_BITS
+            mask[i] = faces if faces != 0 else FACE_BITS
+            weight[i] = min(max((sums[row, AREA] + 32) >> 6, 1), MAX_WEIGHT)
+        target = out_normal[begin : begin + BATCH]
+        encode_batch(directions[: batch.size], normal_bits, vectors, found, target)
+    for i in range(out_colour.shape[0]):
+        colour = sums[rows[i], CHANNELS : CHANNELS + 4]
+        total = max(sums[rows[i], AREA], 1)
         for c in range(3):
-            out_colour[i, c] = colour_code(rounded_mean(colour_sum[i, c], total), tables)
-        out_colour[i, 3] = min(max(rounded_mean(colour_sum[i, 3], total), 0), 255)
-    return out_mask, out_normal, out_colour, out_weight
+            out_colour[i, c] = colour_code(rounded_mean(colour[c], total), tables)
+        out_colour[i, 3] = min(max(rounded_mean(colour[3], total), 0), 255)
+    return out_mask, out_normal.view(np.uint16).reshape(-1, 2), out_colour, out_weight

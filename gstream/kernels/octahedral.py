@@ -119,6 +119,25 @@ def nearest_codes(vectors, count, h, codes):
         us[i], vs[i] = fold_border(u_high if upper else u_low, v1 if upper else v0, h)
 
 
+@part
+def encode_batch(sums, bits, vectors, found, codes):
+    """Octahedral codes of up to BATCH directions.
+
+    sums, bits, codes : (n, 3) int64, int, (n,) u32, out   v << 16 | u, as encode_normals returns
+    vectors, found : (3, BATCH), (2, BATCH) f64   scratch
+    errors : none
+    source : spec, "Normals"
+    """
+    h = (1 << (bits - 1)) - 1
+    none = np.uint32((2 * h + 1) << 16 | (2 * h + 1))
+    shift_directions(sums, vectors)
+    nearest_codes(vectors, sums.shape[0], float(h), found)
+    for i in range(sums.shape[0]):
+        u, v = found[0, i], found[1, i]
+        code = np.uint32(np.int32(u) + h) | np.uint32(np.int32(v) + h) << HALF
+        codes[i] = none if isnan(u) else code
+
+
 @kernel
 def encode_normals(sums, bits):
     """Octahedral codes of directions.
@@ -128,19 +147,11 @@ def encode_normals(sums, bits):
     errors : none
     source : spec, "Normals"
     """
-    h = (1 << (bits - 1)) - 1
     codes = np.empty(sums.shape[0], np.uint32)
-    none = np.uint32((2 * h + 1) << 16 | (2 * h + 1))
     vectors, found = np.empty((3, BATCH)), np.empty((2, BATCH))
     for begin in range(0, sums.shape[0], BATCH):
-        batch, target = sums[begin : begin + BATCH], codes[begin : begin + BATCH]
-        count = batch.shape[0]
-        shift_directions(batch, vectors)
-        nearest_codes(vectors, count, float(h), found)
-        for i in range(count):
-            u, v = found[0, i], found[1, i]
-            code = np.uint32(np.int32(u) + h) | np.uint32(np.int32(v) + h) << HALF
-            target[i] = none if isnan(u) else code
+        batch = slice(begin, begin + BATCH)
+        encode_batch(sums[batch], bits, vectors, found, codes[batch])
     return codes.view(np.uint16).reshape(-1, 2)
 
 

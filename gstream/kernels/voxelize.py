@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gstream.kernels import accumulate as acc
 from gstream.kernels import fragments as frag
 from gstream.kernels.packets import arrange, emit_packets
+from gstream.kernels.select import collect
 
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
@@ -157,15 +158,17 @@ class Box:
         if more_sums:
             self.sums, self.flags = _doubled(sums), _doubled(flags)
 
-    def collect(self, part: int, parts: int) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
-        """Rows of the sums and Morton codes of the part-th of `parts` equal Morton ranges."""
+    def collect(
+        self, part: int, parts: int, wanted: int = 0
+    ) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
+        """Rows of the sums and Morton codes of the part-th of `parts` equal Morton ranges.
+
+        wanted : bits that the flags of a voxel must have
+        """
         tiles = len(self.tile_slots) // parts
-        first = part * tiles
-        slots = int(np.count_nonzero(self.tile_slots[first : first + tiles] >= 0))
-        rows = np.empty(slots * acc.TILE_VOXELS, np.int32)
-        codes = np.empty(len(rows), np.uint32)
-        n = acc.collect(self.tile_slots, self.tiles, first, first + tiles, rows, codes)
-        return rows[:n], codes[:n]
+        slots = self.tile_slots[part * tiles : (part + 1) * tiles]
+        rows, codes = collect(slots, self.tiles, self.flags, wanted)
+        return rows, codes
 
 
 def _doubled(array: NDArray[Any]) -> NDArray[Any]:

@@ -19,9 +19,10 @@ from gstream.formats.columns import Block
 from gstream.formats.lodrule import COLOUR_TABLES, LINEAR_OF_CODE
 from gstream.formats.pile import PileWriter
 from gstream.job import Job, Summary, Unit
+from gstream.kernels.accumulate import HIT
 from gstream.kernels.lod import finish_voxels
 from gstream.kernels.presort import unpack, within
-from gstream.kernels.select import select_kept
+from gstream.kernels.select import sum_areas
 from gstream.kernels.voxelize import Box, BoxFullError, Rules, compact
 from gstream.run.publish import Scratch
 from gstream.stages import levels
@@ -101,11 +102,9 @@ def warm() -> None:
         box = Box(channels)
         box.start(Rules(12, "6", False, False), 8)
         box.add(corners, np.zeros((2, 3, channels)))
-        rows, codes = box.collect(0, 1)
-        _, area, vector, colour, mask, _, _ = select_kept(
-            rows, codes, box.sums, box.flags, channels == 4, False
-        )
-        finish_voxels(area, vector, colour, mask, 11, COLOUR_TABLES)
+        rows, _ = box.collect(0, 1)
+        finish_voxels(rows, box.sums, box.flags, channels == 4, False, 11, COLOUR_TABLES)
+        sum_areas(box.sums, box.flags)
     unpack(np.zeros((2, 3), np.uint64), 0, np.zeros(3, np.int64), corners)
     within(corners, 12, False, np.zeros(3, np.int64), np.ones(3, np.int64), np.zeros(2, np.bool_))
 
@@ -158,9 +157,13 @@ class Filling:
                 corner = np.array([octant & 1, octant >> 1 & 1, octant >> 2], np.int64) * half
                 yield from self._fill(low + corner, half, 8 * key + octant)
             return
+        total, pruned = sum_areas(box.sums[: box.voxels], box.flags[: box.voxels])
+        self.counts["area_total"] += total
+        self.counts["area_pruned"] += pruned
         self.counts["fragments"] += box.fragments
         parts = (edge // self.settings.block) ** 3
-        for part in range(parts):
+        filled = (box.tile_slots.reshape(parts, -1) >= 0).any(axis=1)
+        for part in np.flatnonzero(filled).tolist():
             block = self._block(box, part, parts)
             if block is not None:
                 yield key * parts + part, block
@@ -203,21 +206,14 @@ class Filling:
                 at += n
 
     def _block(self, box: Box, part: int, parts: int) -> Block | None:
-        rows, codes = box.collect(part, parts)
+        rows, codes = box.collect(part, parts, HIT)
         if not len(rows):
             return None
-        codes, area, vector, colour, mask, total, pruned = select_kept(
-            rows, codes, box.sums, box.flags, self.scene.colours, self.scene.normals
-        )
-        self.counts["area_total"] += int(total)
-        self.counts["area_pruned"] += int(pruned)
-        self.counts["voxels"] += len(codes)
-        if not len(codes):
-            return None
-        bits = self.settings.normal_bits
+        self.counts["voxels"] += len(rows)
         mask, normal, colour, weight = finish_voxels(
-            area, vector, colour, mask, bits, COLOUR_TABLES
-        )
+            rows, box.sums, box.flags, self.scene.colours, self.scene.normals,
+            self.settings.normal_bits, COLOUR_TABLES,
+        )  # fmt: skip
         return Block(codes, mask, normal, colour if self.scene.colours else None, weight)
 
 
