@@ -6,15 +6,12 @@ A row file is an array of pile rows in ascending (level, key), with the names of
 
 import json
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gstream.formats.columns import ColumnSpec, column_specs
 from gstream.formats.directory import Rows, pile_dtype
-
-AXES: Final = np.array([[0o11111111 << c] for c in range(3)], np.uint32)  # bits of x, y, z
 
 
 class Record(NamedTuple):
@@ -34,17 +31,6 @@ def pipeline_columns(
     wanted = {"occupancy", "mask", "normal"}
     wanted |= ({"colour"} if colours else set()) | ({"weight"} if weighted else set())
     return tuple(spec for name, spec in specs.items() if name in wanted)
-
-
-def tight_bounds(codes: NDArray[np.uint32]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Smallest and largest x, y, z of local Morton codes."""
-    axes = codes & AXES  # spread bits keep the order of numbers, and in octal they are binary
-    low, high = axes.min(axis=1).tolist(), axes.max(axis=1).tolist()
-    return _coordinates(low), _coordinates(high)
-
-
-def _coordinates(axes: Sequence[int]) -> tuple[int, ...]:
-    return tuple(int(f"{bits >> c:o}", 2) for c, bits in enumerate(axes))
 
 
 def rows_from_bytes(data: bytes, columns: Sequence[ColumnSpec]) -> Rows:

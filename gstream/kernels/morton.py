@@ -19,6 +19,7 @@ M8 = np.uint64(0x100F00F00F00F00F)
 M4 = np.uint64(0x10C30C30C30C30C3)
 M2 = np.uint64(0x1249249249249249)
 M21 = np.uint64(0x00000000001FFFFF)
+X_BITS, Y_BITS, Z_BITS = (np.uint32(0o1111111111 << axis) for axis in range(3))
 
 
 @part
@@ -84,6 +85,25 @@ def decode_codes(codes):
         x, y, z = decode(codes[i])
         points[i, 0], points[i, 1], points[i, 2] = x, y, z
     return points
+
+
+@kernel
+def tight_bounds(codes):
+    """Smallest and largest coordinates of Morton codes.
+
+    codes  : (n >= 1,) u32, below 2^30
+    returns: (x, y, z), (x, y, z)   low and high corner, both included, as ints
+    errors : none
+    source : spread bits keep the order of numbers, so that only six of them are gathered
+    """
+    low_x = low_y = low_z = np.uint32(0xFFFFFFFF)
+    high_x = high_y = high_z = np.uint32(0)
+    for i in range(codes.size):
+        x, y, z = codes[i] & X_BITS, codes[i] & Y_BITS, codes[i] & Z_BITS
+        low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+        high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+    low = (gather(low_x), gather(low_y >> S1), gather(low_z >> S2))
+    return low, (gather(high_x), gather(high_y >> S1), gather(high_z >> S2))
 
 
 def scan_order(log2_edge: int) -> NDArray[np.int32]:

@@ -17,10 +17,11 @@ from gstream.formats.filters import NONE
 from gstream.formats.framing import CODEC_RAW
 from gstream.formats.lodrule import COLOUR_TABLES
 from gstream.formats.pile import PileWriter
-from gstream.formats.rows import pipeline_columns, tight_bounds
+from gstream.formats.rows import pipeline_columns
 from gstream.job import VoxelizeSettings
 from gstream.kernels import filters as fast
 from gstream.kernels.lod import reduce_runs
+from gstream.kernels.morton import tight_bounds
 
 NO_COLOUR: Final = np.empty((0, 4), np.uint8)
 NO_WEIGHT: Final = np.empty(0, np.uint32)
@@ -118,6 +119,7 @@ def warm() -> None:
     fast.warm()
     one, mask, normal = np.ones(1, np.uint32), np.ones(1, np.uint8), np.zeros((1, 2), np.uint16)
     reduce_runs(one, mask, normal, NO_COLOUR, one, 11, True, COLOUR_TABLES)
+    tight_bounds(one)
 
 
 def _joined(parts: list[Block]) -> Block:

@@ -30,6 +30,13 @@ def test_local_codes_of_32_bits_decode_to_coordinates_up_to_255():
     assert morton.decode_codes(codes).tolist() == [[0, 0, 0], [255, 255, 255], [255, 0, 255]]
 
 
+@given(st.lists(st.integers(0, (1 << 30) - 1), min_size=1, max_size=30))
+def test_bounds_are_the_smallest_and_largest_coordinates(codes):
+    points = np.array([naive.coordinates(code) for code in codes])
+    bounds = tuple(points.min(axis=0).tolist()), tuple(points.max(axis=0).tolist())
+    assert morton.tight_bounds(np.array(codes, np.uint32)) == bounds
+
+
 @pytest.mark.parametrize("log2_edge", [1, 3, 5])
 def test_scan_order_visits_a_dense_cube_by_ascending_code(log2_edge):
     edge = 1 << log2_edge
