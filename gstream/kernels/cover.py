@@ -5,7 +5,8 @@ of a layer inside a square (i, j) is a sum over the pieces of the layer's outlin
 rises by dv at mean place u adds dv * (i + 1 - u) to its own square and dv to all squares with
 larger i (Green's theorem; the way font rasterisers fill). Outlines are the triangle's edges, walked
 once, and the level segments between layers, which count for the layer below and, backwards, for the
-one above. So a voxel costs the few pieces in it, not two clipped polygons.
+one above. So a voxel costs the few pieces in it, not two clipped polygons. First moments, for means
+of channels, are sums over the same pieces.
 
 A walk takes as many steps as the largest box of the packet may need; a lane that has arrived adds
 zeros. Steps are made for all lanes at once, then added up lane by lane.
@@ -30,7 +31,9 @@ NEXT_U, NEXT_V, NEXT_W = 2, 3, 4  # part of the walk before the next plane of th
 EACH_U, EACH_V, EACH_W = 5, 6, 7  # between two
 ALONG_U, ALONG_V = 8, 9  # extent of the walk
 OWN, BEYOND = 10, 11  # of the piece just made: area in its square, and in those that follow
-WALK_ROWS = 12
+UP, RISING = 12, 13  # distance to the square's low side, extent along v whatever the sign of pieces
+OWN_U, OWN_V, BEYOND_V = 14, 15, 16  # moments of the piece about the low corners of the squares
+WALK_ROWS = 17
 # Rows of `slots`, places of `own` and `beyond`.
 SLOT, STEP_U, STEP_V, STEP_W, MADE = 0, 1, 2, 3, 4
 SLOT_ROWS = 5
@@ -39,7 +42,7 @@ SLOT_ROWS = 5
 @part
 def cover_edge(
     words: I64, k: int, start: int, end: int, size: tuple[int, int, int],
-    reals: F64, slots: I64, own: F64, beyond: F64,
+    reals: F64, slots: I64, own: F64, beyond: F64, moments: F64,
 ) -> None:  # fmt: skip
     """Add the pieces of the edges from corner `start` to corner `end`.
 
@@ -48,10 +51,15 @@ def cover_edge(
     reals, slots : rows of the walk
     own, beyond : (voxels * LANES,) f8   areas of a lane's voxel ((l * long) + j) * wide + i, and of
         all that follow it in its row, added to
+    moments : (3 * voxels * LANES,) f8 or (0,)   along u, along v, along v of those that follow
     """
     start_edge(words, k, start, end, size[0], size[0] * size[1], reals, slots)
     for _ in range(size[0] + size[1] + size[2] - 2):
+        if moments.size:
+            measure_moments(reals)
         step_edge(reals, slots)
+        if moments.size:
+            add_moments(reals, slots, size[0] * size[1] * size[2] * LANES, 0, moments)
         for lane in range(LANES):
             place = np.uint64(slots[at(MADE, lane)])
             own[place] += reals[at(OWN, lane)]
@@ -61,13 +69,17 @@ def cover_edge(
 @part
 def cover_level(
     words: I64, k: int, level: int, size: tuple[int, int, int],
-    reals: F64, slots: I64, own: F64, beyond: F64,
+    reals: F64, slots: I64, own: F64, beyond: F64, moments: F64,
 ) -> None:  # fmt: skip
     """Add the segments between layers level - 1 and level; see `cover_edge`."""
     layer = size[0] * size[1]
     start_level(words, k, level, size[0], layer, reals, slots)
     for _ in range(size[0] + size[1] - 1):
+        if moments.size:
+            measure_moments(reals)
         step_level(reals, slots)
+        if moments.size:
+            add_moments(reals, slots, layer * size[2] * LANES, layer * LANES, moments)
         for lane in range(LANES):
             below = np.uint64(slots[at(MADE, lane)])
             above = below + np.uint64(layer * LANES)
@@ -75,6 +87,38 @@ def cover_level(
             beyond[below] += reals[at(BEYOND, lane)]
             own[above] -= reals[at(OWN, lane)]
             beyond[above] -= reals[at(BEYOND, lane)]
+
+
+@part
+def measure_moments(reals: F64) -> None:
+    """Rows of the moments of the piece that the next step makes, and UP after it."""
+    for lane in range(LANES):
+        done, right, up = reals[at(AT, lane)], reals[at(RIGHT, lane)], reals[at(UP, lane)]
+        next_v, along = reals[at(NEXT_V, lane)], reals[at(ALONG_U, lane)]
+        rising = reals[at(RISING, lane)]
+        to = min(min(reals[at(NEXT_U, lane)], next_v), min(reals[at(NEXT_W, lane)], 1.0))
+        rise = (to - done) * reals[at(ALONG_V, lane)]
+        # From the square's right side and low side, at the piece's two ends.
+        r0, r1 = right - done * along, right - to * along
+        y0, y1 = up + done * rising, up + to * rising
+        reals[at(OWN_U, lane)] = rise * (0.5 * (r0 + r1) - (r0 * r0 + r0 * r1 + r1 * r1) / 6.0)
+        reals[at(OWN_V, lane)] = rise * (2.0 * (y0 * r0 + y1 * r1) + y0 * r1 + y1 * r0) / 6.0
+        reals[at(BEYOND_V, lane)] = rise * 0.5 * (y0 + y1)
+        aside = 1.0 if rising >= 0.0 else -1.0
+        reals[at(UP, lane)] = up - (aside if next_v <= to else 0.0)
+
+
+@part
+def add_moments(reals: F64, slots: I64, voxels: int, above: int, moments: F64) -> None:
+    """Add the piece's moments to its voxel's, and subtract them from those `above` places on."""
+    for lane in range(LANES):
+        place = np.uint64(slots[at(MADE, lane)])
+        for row in range(3):
+            piece = reals[at(OWN_U + row, lane)]
+            moments[place] += piece
+            if above:
+                moments[place + np.uint64(above)] -= piece
+            place += np.uint64(voxels)
 
 
 @part
@@ -108,6 +152,7 @@ def start_edge(
         reals[at(NEXT_V, lane)], reals[at(EACH_V, lane)] = next_v, each_v
         reals[at(NEXT_W, lane)], reals[at(EACH_W, lane)] = next_w, each_w
         reals[at(ALONG_U, lane)], reals[at(ALONG_V, lane)] = along_u, along_v
+        reals[at(UP, lane)], reals[at(RISING, lane)] = v - np.float64(j), along_v
         slots[at(SLOT, lane)] = (l * layer + j * wide + i) * LANES + lane
         slots[at(STEP_U, lane)] = LANES if along_u >= 0.0 else -LANES
         slots[at(STEP_V, lane)] = wide * LANES if along_v >= 0.0 else -wide * LANES
@@ -180,8 +225,10 @@ def start_level(
         reals[at(RIGHT, lane)] = np.float64(i + 1) - u
         reals[at(NEXT_U, lane)], reals[at(EACH_U, lane)] = next_u, each_u
         reals[at(NEXT_V, lane)], reals[at(EACH_V, lane)] = next_v, each_v
+        reals[at(NEXT_W, lane)] = 1.0
         reals[at(ALONG_U, lane)] = along_u
         reals[at(ALONG_V, lane)] = along_v if odd_high else -along_v
+        reals[at(UP, lane)], reals[at(RISING, lane)] = v - np.float64(j), along_v
         slots[at(SLOT, lane)] = ((level - 1) * layer + j * wide + i) * LANES + lane
         slots[at(STEP_U, lane)] = LANES if along_u >= 0.0 else -LANES
         slots[at(STEP_V, lane)] = wide * LANES if along_v >= 0.0 else -wide * LANES

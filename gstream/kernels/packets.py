@@ -48,7 +48,8 @@ FIRST_AXIS = 21  # which of x, y, z axis u is
 CENTRE_OVER, CENTRE_UNDER = 22, 25  # as over and under, for the centre segments along u, v, w
 VALUE = 28  # n.x of the voxel at hand
 MASK = 29  # face mask
-WORD_ROWS = 30
+PLACES = 30  # 3: the input's corner at each sorted place
+WORD_ROWS = 33
 # Rows of `edges`: 9 per projection, (a, b, threshold) of three edges; then 9 centre thresholds.
 THRESHOLD, CENTRE = 2, 27
 ROW_START, LINE = 36, 39  # of three edges, at the start of a row of squares and in it
@@ -60,9 +61,15 @@ VERDICT_ROWS = 3
 CODE, OWNER = 0, 1
 NAME_ROWS = 2
 # Rows of `reals`, after those of the walks: area units per square of the projection along w; area
-# in the voxel at hand, and in those before it in its row; the unit normal along x, y, z.
+# in the voxel at hand, and in those before it in its row; the unit normal along x, y, z; moment
+# along v of those before; the centroid of the fragment at hand.
 FACTOR, AREA, PASSED, UNIT = WALK_ROWS, WALK_ROWS + 1, WALK_ROWS + 2, WALK_ROWS + 3
-REAL_ROWS = WALK_ROWS + 6
+PASSED_V, MEAN_U, MEAN_V = WALK_ROWS + 6, WALK_ROWS + 7, WALK_ROWS + 8
+REAL_ROWS = WALK_ROWS + 9
+# Rows of `affine`, 6 per channel: value at (0, 0), slopes along u and v, least and largest value,
+# mean of the fragment at hand. The corners' values stand in the first three while it is made.
+LEAST, LARGEST, MEAN = 3, 4, 5
+AFFINE_ROWS = 6
 
 
 @part
@@ -112,13 +119,11 @@ def first_axis(x: int, y: int, z: int) -> int:
 
 @kernel
 def arrange(
-    corners: I64, channels: int, rules: tuple[int, int, bool, bool], order: I32,
-    shapes: NDArray[np.int16],
-) -> int:  # fmt: skip
+    corners: I64, rules: tuple[int, int, bool, bool], order: I32, shapes: NDArray[np.int16]
+) -> int:
     """Order triangles by the shape of their box; those for `fragments.emit` come last.
 
     corners : (n, 3, 3) i8   snap units
-    channels : int   attribute channels; with any, no triangle goes to `emit_packets`
     order : (n,) i4   out: a permutation of the triangles, stable within a shape
     shapes : (n,) i2   out: the shape of triangle order[i], see `shape`
     returns : int   how many of `order` go to `emit_packets`
@@ -130,7 +135,7 @@ def arrange(
     for t in range(n):
         order[t] = t
     k, mode, closed, _ = rules
-    possible = k <= SNAP_BITS and mode != 26 and not closed and channels == 0
+    possible = k <= SNAP_BITS and mode != 26 and not closed
     for first in range(0, n, LANES):
         count = min(LANES, n - first)
         if possible:
@@ -153,6 +158,7 @@ def arrange(
 @kernel
 def emit_packets(
     corners: I64,
+    values: F64,
     order: I32,
     shapes: NDArray[np.int16],
     small: int,
@@ -166,6 +172,7 @@ def emit_packets(
     owners: I32,
     hits: NDArray[np.bool_],
     areas: F64,
+    channels: F64,
 ) -> tuple[int, int]:
     """Fragments of the small triangles of a batch, until the buffer is full or all are done.
 
@@ -187,6 +194,9 @@ def emit_packets(
     reals = np.empty(REAL_ROWS * LANES)
     slots = np.empty(SLOT_ROWS * LANES, np.int64)
     own, beyond = np.empty(SHAPES * LANES), np.empty(SHAPES * LANES)
+    channel_count = values.shape[2]
+    moments = np.empty(3 * SHAPES * LANES if channel_count else 0)
+    affine = np.empty(AFFINE_ROWS * channel_count * LANES)
     count = 0
     while first < small:
         used = min(LANES, small - first)
@@ -219,11 +229,14 @@ def emit_packets(
         for i in range(np.uint64(wide * long * deep * LANES)):
             own[i] = 0.0
             beyond[i] = 0.0
-        cover_edge(words, k, 0, 1, size, reals, slots, own, beyond)
-        cover_edge(words, k, 1, 2, size, reals, slots, own, beyond)
-        cover_edge(words, k, 2, 0, size, reals, slots, own, beyond)
+        if channel_count:
+            moments[: 3 * wide * long * deep * LANES] = 0.0
+            prepare_channels(words, k, values, names, affine)
+        cover_edge(words, k, 0, 1, size, reals, slots, own, beyond, moments)
+        cover_edge(words, k, 1, 2, size, reals, slots, own, beyond, moments)
+        cover_edge(words, k, 2, 0, size, reals, slots, own, beyond, moments)
         for level in range(1, deep):
-            cover_level(words, k, level, size, reals, slots, own, beyond)
+            cover_level(words, k, level, size, reals, slots, own, beyond, moments)
         for lane in range(LANES):
             verdicts[at(ALL_MISSED, lane)] = -1
             verdicts[at(MISSED, lane)] = 0
@@ -235,7 +248,12 @@ def emit_packets(
                     if six:
                         test_centre(words, centres, i, j, l, verdicts)
                     meet(words, verdicts)
-                    area_of_voxel(own, beyond, (l * long + j) * wide + i, reals)
+                    voxel = (l * long + j) * wide + i
+                    if channel_count:
+                        mean_of_voxel(own, moments, voxel, wide * long * deep, i, j, reals)
+                        mean_channels(reals, channel_count, affine)
+                        write_channels(verdicts, affine, np.uint64(count), channels)
+                    area_of_voxel(own, beyond, voxel, reals)
                     name_voxel(codes, i, j, l, names)
                     count = write_voxel(
                         verdicts, names, reals, np.uint64(count), keys, owners, hits, areas
@@ -295,6 +313,10 @@ def move_to_frame(words: I64, k: int) -> None:
         words[at(UNDER, lane)] = (
             -min(n_x, 0) - min(n_y, 0) - min(n_z, 0) + ((value - np.int64(first < 0)) >> k)
         )
+        first_place = 0 if a == smallest else (1 if b == smallest else 2)
+        last_place = 2 if c == largest else (1 if b == largest else 0)
+        words[at(PLACES, lane)], words[at(PLACES + 2, lane)] = first_place, last_place
+        words[at(PLACES + 1, lane)] = 3 - first_place - last_place
         words[at(TURN, lane)] = 1 - 2 * (swaps & 1)
         words[at(FIRST_AXIS, lane)] = u
         rotate(words, CORNER, lane, u, x0, y0, z0)
@@ -499,6 +521,7 @@ def start_row(words: I64, reals: F64, j: int, l: int) -> None:
     for lane in range(LANES):
         words[at(VALUE, lane)] = words[at(NORMAL + 2, lane)] * l + words[at(NORMAL + 1, lane)] * j
         reals[at(PASSED, lane)] = 0.0
+        reals[at(PASSED_V, lane)] = 0.0
 
 
 @part
@@ -551,6 +574,77 @@ def area_of_voxel(own: F64, beyond: F64, voxel: int, reals: F64) -> None:
         passed = reals[at(PASSED, lane)]
         reals[at(AREA, lane)] = abs(passed + own[at(voxel, lane)]) * reals[at(FACTOR, lane)]
         reals[at(PASSED, lane)] = passed + beyond[at(voxel, lane)]
+
+
+@part
+def prepare_channels(words: I64, k: int, values: F64, names: U32, affine: F64) -> None:
+    """Each channel as an affine function of (u, v), or the corners' mean where there is no area."""
+    scale = 1.0 / (1 << k)
+    for c in range(values.shape[2]):
+        row = AFFINE_ROWS * c
+        for lane in range(LANES):
+            t = np.uint64(names[at(OWNER, lane)])
+            for a in range(3):
+                corner = np.uint64(words[at(PLACES + a, lane)])
+                affine[at(row + a, lane)] = values[t, corner, c]
+        for lane in range(LANES):
+            u, v = words[at(CORNER, lane)], words[at(CORNER + 1, lane)]
+            a, b = words[at(CORNER + 3, lane)] - u, words[at(CORNER + 4, lane)] - v
+            d, e = words[at(CORNER + 6, lane)] - u, words[at(CORNER + 7, lane)] - v
+            det = np.float64(a * e - b * d) * scale
+            first = affine[at(row, lane)]
+            second, third = affine[at(row + 1, lane)] - first, affine[at(row + 2, lane)] - first
+            some = words[at(NORMAL + 2, lane)] != 0
+            along_u = (second * e - third * b) / det if some else 0.0
+            along_v = (third * a - second * d) / det if some else 0.0
+            start = first - (along_u * u + along_v * v) * scale
+            affine[at(row, lane)] = start if some else first + (second + third) / 3.0
+            affine[at(row + 1, lane)], affine[at(row + 2, lane)] = along_u, along_v
+            affine[at(row + LEAST, lane)] = first + min(0.0, min(second, third))
+            affine[at(row + LARGEST, lane)] = first + max(0.0, max(second, third))
+
+
+@part
+def mean_of_voxel(
+    own: F64, moments: F64, voxel: int, voxels: int, i: int, j: int, reals: F64
+) -> None:
+    """Rows MEAN_U and MEAN_V of the next voxel of a row; before `area_of_voxel`."""
+    along_u, along_v, beyond_v = voxel, voxel + voxels, voxel + 2 * voxels
+    for lane in range(LANES):
+        passed, passed_v = reals[at(PASSED, lane)], reals[at(PASSED_V, lane)]
+        area = passed + own[at(voxel, lane)]
+        some = area != 0.0
+        u = (0.5 * passed + moments[at(along_u, lane)]) / area if some else 0.5
+        v = (passed_v + moments[at(along_v, lane)]) / area if some else 0.5
+        reals[at(MEAN_U, lane)] = i + min(max(u, 0.0), 1.0)
+        reals[at(MEAN_V, lane)] = j + min(max(v, 0.0), 1.0)
+        reals[at(PASSED_V, lane)] = passed_v + moments[at(beyond_v, lane)]
+
+
+@part
+def mean_channels(reals: F64, count: int, affine: F64) -> None:
+    """Row MEAN of each channel, within the range of the triangle's corners."""
+    for c in range(count):
+        row = AFFINE_ROWS * c
+        for lane in range(LANES):
+            value = (
+                affine[at(row, lane)]
+                + affine[at(row + 1, lane)] * reals[at(MEAN_U, lane)]
+                + affine[at(row + 2, lane)] * reals[at(MEAN_V, lane)]
+            )
+            least, most = affine[at(row + LEAST, lane)], affine[at(row + LARGEST, lane)]
+            affine[at(row + MEAN, lane)] = min(max(value, least), most)
+
+
+@part
+def write_channels(verdicts: I32, affine: F64, count: np.uint64, channels: F64) -> None:
+    """As `write_voxel`, the channels alone; before it."""
+    for c in range(channels.shape[1]):  # outside: else this short loop becomes the vector
+        place = count
+        for lane in range(LANES):
+            channels[place, np.uint64(c)] = affine[at(AFFINE_ROWS * c + MEAN, lane)]
+            outside = np.uint64(np.uint32(verdicts[at(OUTSIDE, lane)])) >> np.uint64(31)
+            place += np.uint64(1) - outside
 
 
 @part

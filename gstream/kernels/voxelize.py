@@ -117,13 +117,13 @@ class Box:
         n, rules = len(corners), self.rules.packed()
         normals, masks = np.ones((n, 4)), np.empty(n, np.uint8)
         order, shapes = np.empty(n, np.int32), np.empty(n, np.int16)
-        small = arrange(corners, values.shape[2], rules, order, shapes)
+        small = arrange(corners, rules, order, shapes)
         buffers = (self._keys, self._owners, self._hits, self._areas)
         place = 0
         while place < small:
             place, count = emit_packets(
-                corners, order, shapes, small, rules, self.room, place, normals, masks, assigned,
-                *buffers,
+                corners, values, order, shapes, small, rules, self.room, place,
+                normals, masks, assigned, *buffers, self._values,
             )  # fmt: skip
             self._accumulate(count, normals, masks)
         slab = -1
@@ -244,14 +244,15 @@ def fragments(
     normals, masks, assigned = np.ones((n, 4)), np.empty(n, np.uint8), np.zeros(n, np.bool_)
     areas, none = np.empty(b), np.empty((b, 0))
     order, shapes = np.empty(n, np.int32), np.empty(n, np.int16)
-    small = arrange(corners, 0, rules.packed(), order, shapes)
+    small = arrange(corners, rules.packed(), order, shapes)
     outputs = (normals, masks, assigned, keys, owners, hits, areas)
     place, slab = 0, -1
     while place < n:
         if place < small:
             place, count = emit_packets(
-                corners, order, shapes, small, rules.packed(), room, place, *outputs
-            )
+                corners, np.empty((n, 3, 0)), order, shapes, small, rules.packed(), room, place,
+                *outputs, none,
+            )  # fmt: skip
         else:
             place, slab, count = frag.emit(
                 corners, np.empty((n, 3, 0)), order, rules.packed(), room, (place, slab), SPREAD,

@@ -124,10 +124,7 @@ def test_the_pipeline_sets_the_voxels_and_fates_of_one_exact_box(
     grid = grid_of(RESOLUTION, None, box, None, snap_bits)
     snapped = np.empty((len(points), 3), np.int64)
     snap(points, np.array(grid.origin), 2.0**grid.snap_bits / grid.voxel_size, snapped)
-    channels = np.zeros((len(triangles), 3, 4))  # with colours areas are summed another way
-    truth = voxelize_triangles(
-        snapped[triangles], grid.snap_bits, (0, 0, 0), 256, sep, ties, channels
-    )
+    truth = voxelize_triangles(snapped[triangles], grid.snap_bits, (0, 0, 0), 256, sep, ties)
     with gstream.open(tmp_path / "out.gsb") as file:
         blocks = [view.positions() for view in file.blocks(0)]
         masks = np.concatenate([view.mask for view in file.blocks(0)])

@@ -1,12 +1,10 @@
-"""Two ways to the same fragments: all voxels of a small box at once, and voxel by voxel.
-
-Triangles with channels go voxel by voxel, so a channel of zeros is enough to ask the other way.
-"""
+"""Two ways to the same fragments: small triangles in packets, and voxel by voxel."""
 
 import numpy as np
 import pytest
 from exact import oracle
 
+from gstream.kernels import voxelize
 from gstream.kernels.voxelize import voxelize_triangles
 
 SNAP_BITS = (2, 8, 12)
@@ -24,19 +22,35 @@ def soup(kind: str, snap_bits: int, seed: int) -> np.ndarray:
     return units // step * step
 
 
-@pytest.mark.parametrize("sep", ["conservative", "6", "26"])
-@pytest.mark.parametrize("ties", oracle.TIES)
+def no_packets(corners, rules, order, shapes):
+    """In the place of `arrange`: every triangle goes voxel by voxel."""
+    order[:] = np.arange(len(order))
+    return 0
+
+
+@pytest.mark.parametrize("channels", [0, 4])
+@pytest.mark.parametrize("sep", ["conservative", "6"])
 @pytest.mark.parametrize("kind", ["free", "half lattice", "lattice"])
-def test_a_small_box_at_once_gives_the_fragments_of_voxel_by_voxel(kind, ties, sep):
+def test_packets_give_the_fragments_of_voxel_by_voxel(monkeypatch, kind, sep, channels):
     for snap_bits in SNAP_BITS:
         corners = soup(kind, snap_bits, seed=snap_bits)
-        low, edge = (0, 0, 0), 64
-        once = voxelize_triangles(corners, snap_bits, low, edge, sep, ties)
-        zeros = np.zeros((COUNT, 3, 1))
-        single = voxelize_triangles(corners, snap_bits, low, edge, sep, ties, zeros)
-        assert once.fragments == single.fragments
+        values = np.random.default_rng(5).uniform(0, 1, (COUNT, 3, channels))
+        job = (corners, snap_bits, (0, 0, 0), 64, sep, "one-sided", values)
+        packed = voxelize_triangles(*job)
+        with monkeypatch.context() as patch:
+            patch.setattr(voxelize, "arrange", no_packets)
+            single = voxelize_triangles(*job)
+        assert packed.fragments == single.fragments
         for name in ("voxel", "hit", "mask", "assigned"):
-            np.testing.assert_array_equal(getattr(once, name), getattr(single, name), name)
+            np.testing.assert_array_equal(getattr(packed, name), getattr(single, name), name)
         # a unit for each fragment of a voxel, of which the densest here have some dozen
-        for name in ("area", "vector"):
-            assert np.abs(getattr(once, name) - getattr(single, name)).max() <= 64, name
+        for name in ("area", "vector", "colour"):
+            difference = np.abs(getattr(packed, name) - getattr(single, name))
+            assert difference.max(initial=0) <= 64, name
+
+
+def test_most_small_triangles_go_in_packets():
+    order, shapes = np.empty(COUNT, np.int32), np.empty(COUNT, np.int16)
+    small = voxelize.arrange(soup("free", 12, 1), (12, 6, False, False), order, shapes)
+    assert small > 0.8 * COUNT
+    assert sorted(order) == list(range(COUNT))
