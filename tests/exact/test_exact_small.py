@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from exact import oracle
 
 from gstream.kernels import voxelize
 from gstream.kernels.voxelize import voxelize_triangles
