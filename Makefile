@@ -8,7 +8,7 @@ READY := .venv/.ready
 
 export HYPOTHESIS_PROFILE
 
-.PHONY: demo test bounds lint bench clean
+.PHONY: demo test exact bounds lint bench clean
 .DEFAULT_GOAL := demo
 
 demo: $(READY)
@@ -21,6 +21,10 @@ demo: $(READY)
 
 test: $(READY)
 	$(BIN)/python -m pytest
+
+# The exact tests with their long part: solids flooded at 512^3, a block full to the last voxel.
+exact: $(READY)
+	$(BIN)/python -m pytest tests/exact -m "long or not long"
 
 # Index checks in every kernel; slow, as all kernels are compiled anew (tests/conftest.py says why).
 bounds: $(READY)

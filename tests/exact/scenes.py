@@ -156,6 +156,16 @@ def _tie_plane(random: Random, unit: int, edge: int) -> list[Vertex]:
     return triangle
 
 
+def _touching(random: Random, unit: int, edge: int) -> list[Vertex]:
+    """A corner, an edge or all of it in a face of the box, the rest of it on either side."""
+    triangle, face = _generic(random, unit, edge), random.choice([0, edge * unit])
+    side = random.choice([-1, 1])
+    depths = [0, *(random.choice([0, 1, random.randrange(edge * unit)]) for _ in range(2))]
+    for vertex, depth in zip(triangle, depths, strict=True):
+        vertex[0] = face + side * depth
+    return triangle
+
+
 KINDS: dict[str, Maker] = {
     "generic": _generic,
     "small": _small,
@@ -171,6 +181,7 @@ KINDS: dict[str, Maker] = {
     "degenerate": _degenerate,
     "tiny": _tiny,
     "tie plane": _tie_plane,
+    "touching": _touching,
 }
 
 
@@ -185,6 +196,12 @@ def _spanning(random: Random, size: int, unit: int, kind: str) -> list[Vertex]:
         plane = random.randrange(size // unit - 1) * unit
         near = [[plane + random.randint(-3, 3)] for _ in range(3)]
         return [x + [random.randrange(size) for _ in range(2)] for x in near]
+    if kind == "slope 5e-7":  # passes a plane between voxels, or through their centres, inside
+        plane = random.randrange(2, 2 * (size // unit) - 2) * unit // 2
+        rise = size // 4_000_000
+        low = [plane - rise, random.randrange(size // 4), random.randrange(size)]
+        high = [plane + rise, size - random.randrange(size // 4), random.randrange(size)]
+        return [low, high, [plane, random.randrange(size), random.randrange(size)]]
     if kind == "sliver":
         a, b = ([random.randrange(size) for _ in range(3)] for _ in range(2))
         middle = [(s + t) // 2 + random.randint(-1, 1) for s, t in zip(a, b, strict=True)]
@@ -192,7 +209,9 @@ def _spanning(random: Random, size: int, unit: int, kind: str) -> list[Vertex]:
     return _tie_plane(random, unit, size // unit)
 
 
-SPANNING = ("generic", "lattice", "corner to corner", "near-parallel", "sliver", "tie plane")
+SPANNING = (
+    "generic", "lattice", "corner to corner", "near-parallel", "slope 5e-7", "sliver", "tie plane",
+)  # fmt: skip
 
 
 def spanning(kind: str, seed: int, count: int, resolution: int, snap_bits: int) -> Triangles:
@@ -312,6 +331,23 @@ def subdivided(triangles: Triangles, times: int) -> Triangles:
         parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
         triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
     return triangles
+
+
+def split(triangles: Triangles, random: Random) -> Triangles:
+    """Each triangle as three around a lattice point of its plane one step from an edge.
+
+    The edge's own part is a needle of the height of one step. The edges must have a common divisor
+    of at least 3.
+    """
+    parts = []
+    for triangle in np.roll(triangles, random.randrange(3), axis=1).tolist():
+        a, b, c = triangle
+        u, v = ([q - p for p, q in zip(a, end, strict=True)] for end in (b, c))
+        steps = gcd(*u, *v)
+        along = random.randrange(1, steps - 1)
+        p = [s + (along * i + j) // steps for s, i, j in zip(a, u, v, strict=True)]
+        parts += [[a, b, p], [b, c, p], [c, a, p]]
+    return np.array(parts, np.int64)
 
 
 def sphere(steps: int, radius: float, centre: Vector, snap: int, wobble: float = 0.0) -> Triangles:
