@@ -29,8 +29,7 @@ def part(function: F) -> F:
     """Compile a piece that kernels call often: no reference counts, so it cannot allocate.
 
     Without them a call with array arguments costs nothing atomic: the inner loops of the voxelizer
-    ran 1.2 to 1.6 times faster. It has no place in the disk cache, where the kernels that contain it
-    are.
+    ran 1.2 to 1.6 times faster. On disk it is cached only inside the kernels that call it.
     """
     has_loop = any(step.opname == "FOR_ITER" for step in get_instructions(function))
     dispatcher = CPUDispatcher if has_loop else _OneForAllConstants
