@@ -19,6 +19,7 @@ COMMANDS = {  # command -> module of this package; imported when it is called
     "info": "inspect",
     "check": "inspect",
     "preview": "inspect",
+    "report": "accuracy",
 }
 
 

@@ -1,0 +1,78 @@
+"""`gstream report accuracy`: what accuracy costs, measured here."""
+
+import json
+from pathlib import Path
+
+import click
+
+from gstream.errors import UsageError
+from gstream.run.publish import publish
+
+from . import options
+from .progress import watch
+
+
+@click.group()
+def report() -> None:
+    """Measure gstream on this machine.
+
+    \b
+    gstream report accuracy -o accuracy --scenes small
+    """
+
+
+@report.command()
+@click.option(
+    "-o", "--output", required=True, metavar="FOLDER", help="The folder of the report; may exist."
+)
+@click.option(
+    "--scenes",
+    default="small",
+    show_default=True,
+    metavar="small|all",
+    help="The sphere alone, or planes, sphere and torus.",
+)
+@click.option("--knob", "knobs", multiple=True, metavar="NAME", help="Only this one; repeatable.")
+@click.option(
+    "--runs", default=3, show_default=True, help="Fresh processes of each point, one after another."
+)
+@options.as_json
+@options.quiet
+def accuracy(
+    output: str, scenes: str, knobs: tuple[str, ...], runs: int, as_json: bool, quiet: bool
+) -> None:
+    """Measure what accuracy costs in time.
+
+    Turns every knob on scenes whose surface is known exactly, one voxelizing process after another.
+    Writes report.json and report.md; prints the price of each knob.
+
+    \b
+    gstream report accuracy -o accuracy
+    gstream report accuracy -o accuracy --scenes all --knob sep --knob normal-bits --runs 5
+    """
+    from gstream.report.accuracy import as_dict, measure, plan_of
+    from gstream.report.words import markdown, price
+
+    plan = plan_of(scenes, knobs, runs)
+    folder = _made(Path(output))
+    with watch(quiet) as progress:
+        found = measure(plan, progress)
+    prices = [price(series) for series in found.series]
+    written = json.dumps(as_dict(found, prices), indent=1, allow_nan=False)
+    for name, text in (("report.json", written), ("report.md", markdown(found))):
+        with publish(folder / name) as file:
+            file.write(text.encode())
+    if as_json:
+        click.echo(written)
+    elif not quiet:
+        for series, said in zip(found.series, prices, strict=True):
+            click.echo(f"{series.knob.option}, {series.scene}: {said}")
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        said = f"{folder}: cannot be made: {error.strerror}"
+        raise UsageError(said, "name another folder") from error
+    return folder

@@ -1,0 +1,107 @@
+"""The accuracy report's plan, prices and tables, on numbers that are made up."""
+
+import json
+
+import pytest
+
+from gstream.errors import UsageError
+from gstream.report.accuracy import Counts, Plan, Point, Report, Series, as_dict, plan_of
+from gstream.report.knobs import knobs
+from gstream.report.metrics import Errors
+from gstream.report.words import markdown, price
+from gstream_cli import main
+
+KNOBS = {knob.name: knob for knob in knobs(128)}
+
+
+def series(name, default, rows):
+    """rows : (value, seconds, bytes, error)."""
+    knob = KNOBS[name]
+    points = []
+    for value, seconds, size, error in rows:
+        errors = dict.fromkeys(Errors.__slots__, 0.0)
+        if knob.error:
+            errors[knob.error] = error
+        counts = Counts(10, 20, 30, size, "")
+        differing = None if knob.error else error
+        points.append(
+            Point(
+                value, value == default, seconds, (seconds,), 0, counts, Errors(**errors), differing
+            )
+        )
+    return Series("sphere", knob, tuple(points))
+
+
+RESOLUTION = series(
+    "resolution", 128, [(32, 1.0, 100, 4.0), (64, 4.0, 300, 2.0), (128, 16.0, 900, 1.0)]
+)
+SEP = series(
+    "sep", "6", [("6", 1.0, 100, 0.15), ("26", 1.5, 150, 0.2), ("conservative", 2.0, 180, 0.0)]
+)
+CELL = series("cell", 256, [(64, 2.0, 100, 0), (256, 1.0, 100, 0)])
+LZ4 = series("lz4", "fast", [("fast", 1.0, 100, 0), ("hc", 3.0, 90, 0)])
+BROKEN = series("block", 64, [(32, 2.0, 100, 7), (64, 1.0, 100, 0)])
+
+
+@pytest.mark.parametrize(
+    ("of", "said"),
+    [
+        (RESOLUTION, "halving the error costs 4 × time and 3 × bytes (32 to 128)"),
+        (
+            SEP,
+            "from the default 6 to the most accurate, conservative: error 0.15 to 0, "
+            "for 2 × time and 1.8 × bytes",
+        ),
+        (CELL, "lossless: error exactly 0, the bytes are the same at all values"),
+        (
+            LZ4,
+            "lossless: error exactly 0, the voxels are the same at all values; "
+            "hc takes 0.90 × its bytes",
+        ),
+        (BROKEN, "NOT LOSSLESS: voxels that differ from the default's: 7 at 32"),
+    ],
+    ids=lambda value: value.knob.name if isinstance(value, Series) else "",
+)
+def test_the_price_in_words(of, said):
+    assert price(of) == said
+
+
+def test_the_front_leaves_out_what_another_point_beats_in_both():
+    assert [point.value for point in SEP.front("seconds")] == ["6", "conservative"]
+    assert [point.value for point in RESOLUTION.front("bytes")] == [32, 64, 128]
+
+
+def test_the_report_has_every_point_and_is_json():
+    scene = {"name": "sphere", "triangles": 10, "area": 1.0, "floor_voxels": 0.01}
+    report = Report(Plan(("sphere",), 128, (KNOBS["sep"],), 1), (scene,), (SEP, CELL))
+    held = json.loads(json.dumps(as_dict(report, ["a", "b"]), allow_nan=False))
+    assert [len(s["points"]) for s in held["series"]] == [3, 2]
+    assert held["series"][0]["points"][1]["fronts"] == []
+    text = markdown(report)
+    assert "| 6 (default) | 1.000 | 20 | 30 | 100 | 0.15 | seconds, bytes |" in text
+    assert f"**{price(CELL)}**" in text
+
+
+@pytest.mark.parametrize(
+    ("scenes", "names", "runs", "said"),
+    [
+        ("large", (), 1, "there are no scenes 'large'; give one of small, all"),
+        ("small", ("bits",), 1, "there is no knob 'bits'; give one of resolution, sep"),
+        ("small", (), 0, "--runs 0 is out of range"),
+    ],
+)
+def test_what_there_is_not_is_refused(scenes, names, runs, said):
+    with pytest.raises(UsageError, match=said):
+        plan_of(scenes, names, runs)
+
+
+def test_an_unknown_knob_exits_with_2_and_writes_nothing(tmp_path, capsys):
+    folder = tmp_path / "report"
+    assert main.status(["report", "accuracy", "-o", str(folder), "--knob", "bits"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not folder.exists()
+
+
+def test_help_has_two_examples(capsys):
+    assert main.status(["report", "accuracy", "--help"]) == 0
+    assert capsys.readouterr().out.split("Options:")[0].count("gstream report accuracy -o") == 2
