@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba import njit
 
 import naive
 from gstream.formats import lodrule as plain
@@ -18,6 +19,12 @@ TABLE_SHA256 = "fdb7af3c01815a2118db8e50aac3c2304205ccc3f381f8976c588642c1aa60b6
 NO_COLOUR = np.empty((0, 4), np.uint8)
 NO_NORMAL = np.empty((0, 2), np.uint16)
 NO_WEIGHT = np.empty(0, np.uint32)
+
+
+@njit
+def rounded_mean(total, weight):
+    """A part has no wrapper for Python: this is one."""
+    return fast.rounded_mean(total, weight)
 
 
 def as_arrays(voxels):
@@ -74,7 +81,7 @@ def test_the_inverse_table_is_the_rule_of_half_way_points():
 @given(st.integers(0, 1 << 62), st.integers(1, 1 << 62))
 def test_a_mean_is_rounded_half_up_without_overflow(total, weight):
     wanted = (2 * total + weight) // (2 * weight)
-    assert fast.rounded_mean(total, weight) == wanted
+    assert rounded_mean(total, weight) == wanted
     assert plain.rounded_mean(np.array([total]), np.array([weight]))[0] == wanted
 
 
@@ -82,7 +89,7 @@ def test_a_mean_is_rounded_half_up_without_overflow(total, weight):
 def test_means_next_to_an_integer_or_a_half_are_exact(mean, weight, nudge):
     for total in (mean * weight + nudge, mean * weight + weight // 2 + nudge):
         if total >= 0:
-            assert fast.rounded_mean(total, weight) == (2 * total + weight) // (2 * weight)
+            assert rounded_mean(total, weight) == (2 * total + weight) // (2 * weight)
 
 
 @given(st.sampled_from(NORMAL_BITS), st.booleans(), st.data())
