@@ -44,13 +44,15 @@ def accuracy(
     """Measure what accuracy costs in time.
 
     Turns every knob on scenes whose surface is known exactly, one voxelizing process after another.
-    Writes report.json and report.md; prints the price of each knob.
+    Writes report.json, report.md and report.html; prints the price of each knob. The plots of the
+    page need matplotlib: pip install 'gstream[report]'.
 
     \b
     gstream report accuracy -o accuracy
     gstream report accuracy -o accuracy --scenes all --knob sep --knob normal-bits --runs 5
     """
     from gstream.report.accuracy import as_dict, measure, plan_of
+    from gstream.report.page import html
     from gstream.report.words import markdown, price
 
     plan = plan_of(scenes, knobs, runs)
@@ -59,8 +61,9 @@ def accuracy(
         found = measure(plan, progress)
     prices = [price(series) for series in found.series]
     written = json.dumps(as_dict(found, prices), indent=1, allow_nan=False)
-    for name, text in (("report.json", written), ("report.md", markdown(found))):
-        with publish(folder / name) as file:
+    texts = {"json": written, "md": markdown(found), "html": html(found)}
+    for form, text in texts.items():
+        with publish(folder / f"report.{form}") as file:
             file.write(text.encode())
     if as_json:
         click.echo(written)

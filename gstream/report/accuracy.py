@@ -162,101 +162,124 @@ class _Bench:
     """One scene: its stream, and the points measured so far."""
 
     def __init__(self, scene: Scene, plan: Plan, folder: Path, progress: Progress) -> None:
-        self._scene, self._plan, self._folder, self._progress = scene, plan, folder, progress
+        self._scene, self._plan, self._progress = scene, plan, progress
         self._stream, self._output = folder / "scene.gst", folder / "scene.gsb"
+        self._default: _Default | None = None
         write_ply(scene, folder / "scene.ply")
         settings = IngestSettings(inputs=(str(folder / "scene.ply"),))
         commands.ingest(settings, str(self._stream), RunOptions(workers=0)).run()
-        self._base: _Measured | None = None
 
     def series(self) -> list[Series]:
-        changes = [(k, v) for k in self._plan.knobs for v in k.values]
-        wanted = 1 + sum(not self._is_default(knob, value) for knob, value in changes)
-        runs = wanted * self._plan.runs
+        """Every value once, then all of them again: a machine that slows down slows all alike."""
+        base = settings_at(self._plan.resolution, {})
+        turned = [
+            (knob, value)
+            for knob in self._plan.knobs
+            for value in knob.values
+            if value != base[knob.field]
+        ]
+        runs = (1 + len(turned)) * self._plan.runs
         self._progress.stage_begins(self._scene.name, runs, float(runs))
         _fresh(self._request({"resolution": 32}))  # not timed: it compiles what is not yet cached
-        self._base = self._run({})
-        found = [
-            Series(self._scene.name, knob, tuple(self._point(knob, v) for v in knob.values))
+        default = _Runs({}, *self._judged({}, None))
+        others = {
+            (k.name, v): _Runs({k.field: v}, *self._judged({k.field: v}, k)) for k, v in turned
+        }
+        for _ in range(self._plan.runs - 1):
+            for runs_of in (default, *others.values()):
+                runs_of.add(*self._run(runs_of.changed))
+        self._progress.stage_ends(self._scene.name, 0.0)
+        return [
+            Series(
+                self._scene.name,
+                knob,
+                tuple(
+                    others.get((knob.name, v), default).point(v, v == base[knob.field], knob)
+                    for v in knob.values
+                ),
+            )
             for knob in self._plan.knobs
         ]
-        self._progress.stage_ends(self._scene.name, 0.0)
-        return found
 
     def about(self) -> dict[str, Any]:
         return {
             "name": self._scene.name,
             "triangles": len(self._scene.triangles),
             "area": self._scene.area,
-            "floor_voxels": self._scene.floor / self._default.voxel_size,
+            "floor_voxels": self._scene.floor / self._default.voxel_size if self._default else None,
         }
-
-    @property
-    def _default(self) -> "_Measured":
-        if self._base is None:
-            raise ValueError("the default is measured first")
-        return self._base
-
-    def _is_default(self, knob: Knob, value: Any) -> bool:
-        return bool(settings_at(self._plan.resolution, {})[knob.field] == value)
-
-    def _point(self, knob: Knob, value: Any) -> Point:
-        default = self._is_default(knob, value)
-        measured = self._default if default else self._run({knob.field: value})
-        differing = None
-        if knob.same == BYTES:
-            differing = differing_bytes(measured.data, self._default.data)
-        elif knob.same:
-            differing = differing_voxels(measured.content, self._default.content)
-        unit = self._default.voxel_size
-        errors = errors_of(measured.content, measured.matrix, self._scene, unit)
-        first = measured.counts[0]
-        good = tuple(
-            s for s, c in zip(measured.seconds, measured.counts, strict=True) if c == first
-        )
-        rejected = len(measured.seconds) - len(good)
-        return Point(value, default, median(good), good, rejected, first, errors, differing)
 
     def _request(self, changed: Mapping[str, Any]) -> dict[str, Any]:
         settings = settings_at(self._plan.resolution, changed)
         return {"stream": str(self._stream), "output": str(self._output), "settings": settings}
 
-    def _run(self, changed: Mapping[str, Any]) -> "_Measured":
-        request = self._request(changed)
-        seconds, counts = [], []
-        for _ in range(self._plan.runs):
-            report = _fresh(request)
-            seconds.append(report["cpu_seconds"])
-            counts.append(Counts.of(report, self._output))
-            self._progress.unit_done(self._scene.name, 1.0)
+    def _run(self, changed: Mapping[str, Any]) -> tuple[float, Counts]:
+        report = _fresh(self._request(changed))
+        self._progress.unit_done(self._scene.name, 1.0)
+        return report["cpu_seconds"], Counts.of(report, self._output)
+
+    def _judged(
+        self, changed: Mapping[str, Any], knob: Knob | None
+    ) -> tuple[float, Counts, Errors, int]:
+        """The first run of a point, its file read back; the default comes first, without a knob."""
+        seconds, counts = self._run(changed)
         with open_block_file(self._output) as file:
             content, matrix = read_content(file), file.matrix
-        if counts[0].triangles != len(self._scene.triangles):
-            raise GstreamError(
-                f"{self._scene.name}: {counts[0].triangles} triangles of "
-                f"{len(self._scene.triangles)} arrived"
-            )
-        if counts[-1].voxels != len(content.positions):
-            raise GstreamError(
-                f"{self._scene.name}: {len(content.positions)} voxels read, "
-                f"{counts[-1].voxels} counted"
-            )
-        return _Measured(seconds, counts, content, matrix, self._output.read_bytes())
+        self._check("triangles", counts.triangles, len(self._scene.triangles))
+        self._check("voxels", counts.voxels, len(content.positions))
+        data = self._output.read_bytes()
+        if self._default is None:
+            self._default = _Default(content, data, float(matrix[0, 0]))
+        errors = errors_of(content, matrix, self._scene, self._default.voxel_size)
+        differing = 0
+        if knob is not None and knob.same == BYTES:
+            differing = differing_bytes(data, self._default.data)
+        elif knob is not None and knob.same:
+            differing = differing_voxels(content, self._default.content)
+        return seconds, counts, errors, differing
+
+    def _check(self, what: str, counted: int, expected: int) -> None:
+        if counted != expected:
+            raise GstreamError(f"{self._scene.name}: {counted} {what} counted, not {expected}")
 
 
 @dataclass(frozen=True, slots=True)
-class _Measured:
-    """The runs of one point, and its file."""
+class _Default:
+    """What lossless knobs are compared with."""
 
-    seconds: list[float]
-    counts: list[Counts]
     content: Content
-    matrix: Any
     data: bytes
+    voxel_size: float
 
-    @property
-    def voxel_size(self) -> float:
-        return float(self.matrix[0, 0])
+
+class _Runs:
+    """The runs of one point."""
+
+    def __init__(
+        self,
+        changed: Mapping[str, Any],
+        seconds: float,
+        counts: Counts,
+        errors: Errors,
+        differing: int,
+    ) -> None:
+        self.changed, self._counts, self._errors = changed, counts, errors
+        self._differing, self._seconds, self._rejected = differing, [seconds], 0
+
+    def add(self, seconds: float, counts: Counts) -> None:
+        """Take a run in, or reject it where it did not do what the first one did."""
+        if counts == self._counts:
+            self._seconds.append(seconds)
+        else:
+            self._rejected += 1
+
+    def point(self, value: Any, default: bool, knob: Knob) -> Point:
+        differing = None if knob.error else self._differing
+        seconds = tuple(self._seconds)
+        return Point(
+            value, default, median(seconds), seconds, self._rejected, self._counts, self._errors,
+            differing,
+        )  # fmt: skip
 
 
 def _fresh(request: Mapping[str, Any]) -> dict[str, Any]:
