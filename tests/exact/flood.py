@@ -61,12 +61,15 @@ def flooded(surface: Grid, steps: list[Step]) -> Grid:
     reached[0, 0, 0] = not surface[0, 0, 0]
     before = -1
     while before != (before := int(np.count_nonzero(reached))):
-        for axis, way in product(range(3), (1, -1)):
-            front = np.moveaxis(reached, axis, 0)[::way]
-            walls = np.moveaxis(surface, axis, 0)[::way]
-            for i in range(1, len(front)):
-                spread = front[i - 1] if len(steps) == 3 else widened(front[i - 1])
-                front[i] |= spread & ~walls[i]
+        for axis in range(3):
+            # Contiguous slices: strided ones of 512^2 took most of the time.
+            front = np.ascontiguousarray(np.moveaxis(reached, axis, 0))
+            walls = np.ascontiguousarray(np.moveaxis(surface, axis, 0))
+            for rows in (range(1, len(front)), range(len(front) - 2, -1, -1)):
+                for i in rows:
+                    came = front[i - rows.step]
+                    front[i] |= (came if len(steps) == 3 else widened(came)) & ~walls[i]
+            reached = np.moveaxis(front, 0, axis)
     return reached
 
 
