@@ -24,7 +24,7 @@ def _lossless(series: Series) -> str:
     fastest = min(series.points, key=lambda p: p.seconds)
     smallest = min(series.points, key=lambda p: p.counts.bytes)
     said = f"lossless: error exactly 0, the {knob.same} are the same at all values"
-    if fastest is not series.default:
+    if not _alike(fastest, series.default):
         gain = fastest.seconds / series.default.seconds
         said += f"; {shown(knob.field, fastest.value)} takes {gain:.2f} × the default's time"
     if smallest.counts.bytes < series.default.counts.bytes:
@@ -57,7 +57,14 @@ def _lossy(series: Series) -> str:
 def _times(start: Point, end: Point, power: float) -> str:
     time = (end.seconds / start.seconds) ** power
     size = (end.counts.bytes / start.counts.bytes) ** power
-    return f"{time:.2g} × time and {size:.2g} × bytes"
+    spent = "time within its spread" if _alike(start, end) else f"{time:.2g} × time"
+    return f"{spent} and {size:.2g} × bytes"
+
+
+def _alike(one: Point, other: Point) -> bool:
+    """Their runs' seconds overlap: the medians' ratio would be noise."""
+    first, second = one.all_seconds, other.all_seconds
+    return min(first) <= max(second) and min(second) <= max(first)
 
 
 def markdown(report: Report) -> str:

@@ -1,6 +1,7 @@
 """The accuracy report's plan, prices and tables, on numbers that are made up."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -64,6 +65,12 @@ BROKEN = series("block", 64, [(32, 2.0, 100, 7), (64, 1.0, 100, 0)])
 )
 def test_the_price_in_words(of, said):
     assert price(of) == said
+
+
+def test_a_ratio_of_times_that_overlap_is_not_told():
+    points = [replace(p, all_seconds=(0.9, p.seconds, 3.0)) for p in SEP.points]
+    said = price(replace(SEP, points=tuple(points)))
+    assert said.endswith("error 0.15 to 0, for time within its spread and 1.8 × bytes")
 
 
 def test_the_front_leaves_out_what_another_point_beats_in_both():
