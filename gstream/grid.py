@@ -12,6 +12,9 @@ MAX_RESOLUTION = 65_536
 MAX_SNAP_BITS = 12
 COORDINATE_BITS = 26  # L + k: normals stay within 2^52, plane values of a 256^3 cell within 2^62
 MIN_SNAP_BITS = 6
+LEAST_EXTENT = (
+    2.0**-40
+)  # of the farthest coordinate: the origin's rounding within the margin's half
 
 Point = tuple[float, float, float]
 Box = tuple[Point, Point]  # low and high corner
@@ -71,6 +74,12 @@ def grid_of_resolution(
             f"give 1 to {MAX_RESOLUTION} voxels per axis",
         )
     extent = max(h - l for l, h in zip(low, high, strict=True))
+    farthest = max(abs(c) for c in (*low, *high))
+    if 0 < extent < farthest * LEAST_EXTENT:
+        raise UsageError(
+            "the scene's extent is below the precision of coordinates this far out",
+            "move the scene to the origin",
+        )
     voxel_size = extent * (1 + 2.0**-10) / resolution if extent > 0 else 1.0
     reach = voxel_size * resolution / 2
     x, y, z = ((l / 2 + h / 2) - reach for l, h in zip(low, high, strict=True))
@@ -122,8 +131,9 @@ def check_snap_bits(snap_bits: int, reach: int) -> None:
 def _snapped(
     resolution: int, voxel_size: float, origin: Point, scene: Box, snap_bits: int | None
 ) -> Grid:
-    if not (isfinite(voxel_size) and voxel_size > 0 and all(map(isfinite, origin))):
-        raise UsageError("the scene's extent is beyond double precision", "scale the scene down")
+    usable = isfinite(voxel_size) and voxel_size > 0 and isfinite(2.0**MAX_SNAP_BITS / voxel_size)
+    if not (usable and all(map(isfinite, origin))):
+        raise UsageError("the scene's extent is beyond double precision", "scale the scene")
     reach = [resolution]
     for axis in range(3):
         first = min(0.0, (scene[0][axis] - origin[axis]) / voxel_size)
