@@ -173,7 +173,9 @@ def warm() -> None:
         corners, np.zeros((1, 3, 0), np.uint32), kinds, (12, 8, 256, False), SPREAD,
         np.zeros(1, np.int64), np.empty((1, 3), np.uint64), np.empty((1, 3, 0), np.uint32),
     )  # fmt: skip
-    for _ in fragments(corners.astype(np.int64), Rules(12, "6", False, False), (8, 8, 8)):
+    large = np.array([[[0, 0, 0], [1 << 17, 0, 0], [0, 1 << 17, 0]]], np.int64)
+    both = np.concatenate([corners.astype(np.int64), large])  # one in a packet, one by itself
+    for _ in fragments(both, Rules(12, "6", False, False), (8, 8, 8)):
         pass
 
 
