@@ -12,9 +12,9 @@ MAX_RESOLUTION = 65_536
 MAX_SNAP_BITS = 12
 COORDINATE_BITS = 26  # L + k: normals stay within 2^52, plane values of a 256^3 cell within 2^62
 MIN_SNAP_BITS = 6
-LEAST_EXTENT = (
-    2.0**-40
-)  # of the farthest coordinate: the origin's rounding within the margin's half
+LEAST_EXTENT = 2.0**-40  # of the farthest coordinate: its rounding stays within the grid's margin
+
+BEYOND_DOUBLE = ("the scene's extent is beyond double precision", "scale the scene")
 
 Point = tuple[float, float, float]
 Box = tuple[Point, Point]  # low and high corner
@@ -131,9 +131,8 @@ def check_snap_bits(snap_bits: int, reach: int) -> None:
 def _snapped(
     resolution: int, voxel_size: float, origin: Point, scene: Box, snap_bits: int | None
 ) -> Grid:
-    usable = isfinite(voxel_size) and voxel_size > 0 and isfinite(2.0**MAX_SNAP_BITS / voxel_size)
-    if not (usable and all(map(isfinite, origin))):
-        raise UsageError("the scene's extent is beyond double precision", "scale the scene")
+    if not (isfinite(voxel_size) and voxel_size > 0 and all(map(isfinite, origin))):
+        raise UsageError(*BEYOND_DOUBLE)
     reach = [resolution]
     for axis in range(3):
         first = min(0.0, (scene[0][axis] - origin[axis]) / voxel_size)
@@ -147,4 +146,6 @@ def _snapped(
     if snap_bits is None:
         snap_bits = most_snap_bits(max(reach))
     check_snap_bits(snap_bits, max(reach))
+    if not isfinite(2.0**snap_bits / voxel_size):
+        raise UsageError(*BEYOND_DOUBLE)
     return Grid(resolution, voxel_size, origin, snap_bits)
