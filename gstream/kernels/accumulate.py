@@ -43,8 +43,8 @@ def accumulate(
     tile_slots : (box voxels / 512,) i4   Morton tile -> row of tiles, -1 = none yet
     tiles : (t, 512) i4   Morton voxel in tile -> row of sums, -1 = none yet
     used : (2,) i8   tiles and voxels in use, updated
-    sums : (v, 4 + c) i8   area, area vector, channels times area; unit 2^-26 voxel face; zero
-        from row used[1] on
+    sums : (v, 4 + c) i8   area, area vector, channels times area; unit 2^-26 voxel face, of the
+        vector 2^-38; zero from row used[1] on
     flags : (v,) u1   face mask bits, and HIT where a target was met; zero from used[1] on
     returns : int   fragments added; fewer than `fragments` where `tiles` is full, or `sums` has not
         CHUNK rows left
@@ -80,7 +80,9 @@ def accumulate(
             # Unsigned: a signed index costs a test for negative ones at each access.
             at, here = np.uint64(rows[f]), np.uint64(start + f)
             t = np.uint64(owners[here])
-            area = max(areas[here], 1.0)
+            # An integer before all else: small triangles have areas from `cover.py` or `clip.py`,
+            # which differ by 2^-40 of a face, too little to change it but for bad luck.
+            area = np.rint(max(areas[here], 1.0))
             # All loads before all stores: so the four become one vector.
             share, x, y, z = normals[t, 0], normals[t, 1], normals[t, 2], normals[t, 3]
             s0, s1, s2, s3 = sums[at, 0], sums[at, 1], sums[at, 2], sums[at, 3]
@@ -89,9 +91,8 @@ def accumulate(
             s2 += np.int64(np.rint(area * y))
             s3 += np.int64(np.rint(area * z))
             sums[at, 0], sums[at, 1], sums[at, 2], sums[at, 3] = s0, s1, s2, s3
-            weight = np.rint(area)
             for c in range(channels.shape[1]):
-                sums[at, CHANNELS + c] += np.int64(np.rint(weight * channels[here, c]))
+                sums[at, CHANNELS + c] += np.int64(np.rint(area * channels[here, c]))
             flags[at] |= masks[t] | (np.uint8(hits[here]) << HIT_BIT)
         start += size
     used[0], used[1] = tile_count, voxel_count

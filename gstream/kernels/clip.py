@@ -13,6 +13,9 @@ from gstream.kernels import part
 
 F64 = NDArray[np.float64]
 AREA_UNITS = 2.0**26  # accumulator units per voxel face
+# Units of the area vector in one unit of area. With 1, a voxel met by slivers alone had a vector of
+# a few units, and its rounding turned the normal by up to 38 degrees; now by 0.012 at most.
+VECTOR_UNITS = 2.0**12
 CORNERS = 12  # a triangle cut by five planes has at most 8
 
 

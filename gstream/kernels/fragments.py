@@ -26,7 +26,7 @@ from gstream.kernels.overlap import (
     prepare_edges,
     prepare_normal,
     prepare_plane,
-    unit_normal,
+    prepare_direction,
 )
 from gstream.kernels.targets import meets_centre_lines, meets_diagonals, prepare_diagonals
 
@@ -152,7 +152,7 @@ def emit(
     resume : (place in `chosen`, slab) to go on with; slab -1 = the triangle's start
     spread : (256,) u4   Morton code of (i, 0, 0)
     normals, masks, assigned : (n, 4) f8, (n,) u1, (n,) bool   out, per triangle; column 0 of the
-        normals is 1, the share of the area itself, and stays
+        normals is 1, the share of the area itself, and stays; the others are VECTOR_UNITS long
     keys, owners, hits, areas : (b,) u4, i4, bool, f8   out: Morton code in the box, triangle,
         target met, area in accumulator units
     channels : (b, c) f8   out: channel means over the fragment
@@ -197,7 +197,7 @@ def emit(
             prepare_diagonals(tri, plane, k, closed, lines, ends)
         w = dominant_axis(plane, box)
         u, v = (w + 1) % 3, (w + 2) % 3
-        length = unit_normal(plane, turn, normals[t, 1:])
+        length = prepare_direction(plane, turn, normals[t, 1:])
         masks[t] = face_mask(plane, turn, both)
         flat = plane[w] == 0
         inverse = 0.0 if flat else 1.0 / np.float64(plane[w])

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.kernels import part
+from gstream.kernels.clip import VECTOR_UNITS
 
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
@@ -85,12 +86,12 @@ def face_mask(plane: I64, turn: int, both: bool) -> int:
 
 
 @part
-def unit_normal(plane: I64, turn: int, normal: F64) -> float:
-    """Unit normal of the input's winding; returns the length of the integer normal."""
+def prepare_direction(plane: I64, turn: int, normal: F64) -> float:
+    """The normal of the input's winding, VECTOR_UNITS long; returns the integer normal's length."""
     x, y, z = np.float64(plane[0]), np.float64(plane[1]), np.float64(plane[2])
     length = np.sqrt(x * x + y * y + z * z)
     for c in range(3):
-        normal[c] = turn * np.float64(plane[c]) / length if length > 0.0 else 0.0
+        normal[c] = turn * VECTOR_UNITS * (plane[c] / length) if length > 0.0 else 0.0
     return length
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.kernels import kernel, part
-from gstream.kernels.clip import AREA_UNITS
+from gstream.kernels.clip import AREA_UNITS, VECTOR_UNITS
 from gstream.kernels.cover import SLOT_ROWS, WALK_ROWS, cover_edge, cover_level
 from gstream.kernels.lanes import LANES, at
 
@@ -61,9 +61,9 @@ VERDICT_ROWS = 3
 CODE, OWNER = 0, 1
 NAME_ROWS = 2
 # Rows of `reals`, after those of the walks: area units per square of the projection along w; area
-# in the voxel at hand, and in those before it in its row; the unit normal along x, y, z; moment
+# in the voxel at hand, and in those before it in its row; the normal along x, y, z; moment
 # along v of those before; the centroid of the fragment at hand.
-FACTOR, AREA, PASSED, UNIT = WALK_ROWS, WALK_ROWS + 1, WALK_ROWS + 2, WALK_ROWS + 3
+FACTOR, AREA, PASSED, DIRECTION = WALK_ROWS, WALK_ROWS + 1, WALK_ROWS + 2, WALK_ROWS + 3
 PASSED_V, MEAN_U, MEAN_V = WALK_ROWS + 6, WALK_ROWS + 7, WALK_ROWS + 8
 REAL_ROWS = WALK_ROWS + 9
 # Rows of `affine`, 6 per channel: value at (0, 0), slopes along u and v, least and largest value,
@@ -346,7 +346,7 @@ def turned(first: int, axis: int) -> int:
 def measure_normal(
     words: I64, names: U32, used: int, both: bool, reals: F64, normals: F64, masks: U8
 ) -> None:
-    """Unit normals and face masks of the input's winding, and row FACTOR."""
+    """Normals, VECTOR_UNITS long, and face masks of the input's winding, and row FACTOR."""
     for lane in range(LANES):
         n_u, n_v = words[at(NORMAL, lane)], words[at(NORMAL + 1, lane)]
         n_w, which = words[at(NORMAL + 2, lane)], words[at(FIRST_AXIS, lane)]
@@ -357,15 +357,15 @@ def measure_normal(
         length = np.sqrt(x * x + y * y + z * z)
         some = n_w != 0
         reals[at(FACTOR, lane)] = AREA_UNITS * length / abs(np.float64(n_w)) if some else 0.0
-        reals[at(UNIT, lane)] = x / length if some else 0.0
-        reals[at(UNIT + 1, lane)] = y / length if some else 0.0
-        reals[at(UNIT + 2, lane)] = z / length if some else 0.0
+        reals[at(DIRECTION, lane)] = VECTOR_UNITS * (x / length) if some else 0.0
+        reals[at(DIRECTION + 1, lane)] = VECTOR_UNITS * (y / length) if some else 0.0
+        reals[at(DIRECTION + 2, lane)] = VECTOR_UNITS * (z / length) if some else 0.0
         words[at(MASK, lane)] = face(x, both) | face(y, both) << 2 | face(z, both) << 4
     for lane in range(used):
         t = np.uint64(names[at(OWNER, lane)])
         masks[t] = words[at(MASK, lane)]
         for c in range(3):
-            normals[t, 1 + c] = reals[at(UNIT + c, lane)]
+            normals[t, 1 + c] = reals[at(DIRECTION + c, lane)]
 
 
 @part

@@ -185,7 +185,7 @@ class Voxels:
     voxel: I64  # (m, 3) voxel coordinates in the grid
     hit: NDArray[np.bool_]  # (m,) a target was met; all true in the conservative mode
     area: I64  # (m,) unit 2^-26 voxel face, at least 1 per fragment
-    vector: I64  # (m, 3) area vector, same unit
+    vector: I64  # (m, 3) area vector, unit 2^-38 voxel face
     mask: NDArray[np.uint8]  # (m,) face mask, 0 where only degenerate triangles met the voxel
     colour: I64  # (m, c) channels times area
     fragments: int

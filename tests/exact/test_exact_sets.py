@@ -9,6 +9,8 @@ from exact import oracle, scenes
 from gstream.kernels.voxelize import Voxels, voxelize_triangles
 
 # snap bits, box (low corner, edge), triangles of each kind
+VECTOR_UNITS = 4096  # of the area vector in a unit of area
+
 SETTINGS = (
     (2, ((0, 0, 0), 8), 20),
     (7, ((-13, 5, 1000), 8), 20),
@@ -89,8 +91,8 @@ def test_mask_and_area_vector_follow_the_exact_normal(kind, ties):
         normal = np.array([float(c) for c in oracle.normal_of(triangle)])
         unit = normal / (np.linalg.norm(normal) or 1.0)
         expected = voxels.area[:, None] * unit
-        error = np.abs(voxels.vector - expected)
-        assert np.all(error <= 1 + 1e-9 * np.abs(expected)), triangle.tolist()
+        error = np.abs(voxels.vector / VECTOR_UNITS - expected)
+        assert np.all(error <= 0.5 / VECTOR_UNITS + 1e-9 * np.abs(expected)), triangle.tolist()
 
 
 @pytest.mark.parametrize("ties", oracle.TIES)

@@ -163,3 +163,18 @@ def test_a_sheet_of_both_faces_has_no_direction_and_keeps_its_colour(ties):
     _, top, shade, _ = climbed(codes, normal, colour, weight, 4)
     assert (top == 2047).all()
     assert np.unique(shade, axis=0).tolist() == np.unique(colour, axis=0).tolist()
+
+
+@pytest.mark.parametrize("slope", [(1, 1), (1, -1), (2, 3), (-3, 5), (7, 1)])
+def test_a_voxel_that_only_a_sliver_meets_has_the_triangle_s_normal(slope):
+    """The plane x + p y + q z passes lattice corners one snap unit off: its slivers have areas of a
+    few units, 2^-26 of a face, and the area vector is rounded 4096 times finer."""
+    p, q = slope
+    start, along = np.array([8 * 4096 + 1, 8 * 4096, 8 * 4096]), 11 * 4096
+    triangle = start + along * np.array([[-p - q, 1, 1], [2 * p - q, -2, 1], [2 * q - p, 1, -2]])
+    normal = np.array([1, p, q]) / np.linalg.norm([1, p, q])
+    found = voxelize_triangles(triangle[None], 12, (0, 0, 0), 16, "conservative", "one-sided")
+    direction = found.vector / np.linalg.norm(found.vector, axis=1, keepdims=True)
+    sine = np.linalg.norm(np.cross(direction, normal), axis=1)
+    assert np.degrees(sine.max()) <= 0.013
+    assert (found.area < 8).sum() > 20

