@@ -9,9 +9,9 @@ multiplies and adds such points, so nothing is ever rounded.
 
 One-sided ties: the triangle is really moved by d = (2^-128, 2^-256, 2^-384) voxel. That is below
 any gap. By the separating-axis theorem the moved triangle meets a closed target iff every one of
-finitely many inequalities c + a.d >= 0 holds; in units of 2^-(k+1) voxel, k <= 12, c is an integer
+finitely many inequalities c + a.d >= 0 holds; in units of 2^-(k+1) voxel, k <= 17, c is an integer
 and a is an integer vector made of products of at most three differences of coordinates below 2^30,
-so that its components are below 2^95. As d is below 2^-114 of these units, |a.d| < 1: a non-zero c
+so that its components are below 2^95. As d is below 2^-109 of these units, |a.d| < 1: a non-zero c
 decides alone. When c = 0 the first non-zero component of a decides, for each component of d is
 2^128 times the next. So any d' = (e1 >> e2 >> e3 > 0) that is small enough gives the same set.
 """
