@@ -10,16 +10,13 @@ from random import Random
 import numpy as np
 import pytest
 from exact import oracle, scenes
-from numpy.typing import NDArray
+from exact.flood import NEAR6, PATHS, dense, flooded, inside, leaks
 
 from gstream.kernels.voxelize import voxelize_triangles
 
 SNAP_BITS, EDGE = 4, 16
 UNIT = 1 << SNAP_BITS
 HALF = UNIT // 2
-NEAR6 = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
-NEAR26 = [d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)]
-PATHS = {"6": NEAR6, "26": NEAR26, "conservative": NEAR26}
 
 
 def convex_meshes():
@@ -39,54 +36,13 @@ def convex_meshes():
             yield scenes.tetrahedron(random, EDGE * UNIT - 2 * step, step) + step
 
 
-def inside(mesh: NDArray[np.int64], ties: str) -> NDArray[np.bool_]:
-    """[x, y, z]: whether the voxel's centre is inside all planes of a convex mesh, moved by d."""
-    axis = 2 * np.arange(EDGE) * HALF + HALF
-    x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
-    result = np.ones((EDGE,) * 3, bool)
-    for triangle in mesh.tolist():
-        n, a = oracle.normal_of(triangle), triangle[0]
-        height = n[0] * (x - a[0]) + n[1] * (y - a[1]) + n[2] * (z - a[2])
-        lead = next(c for c in n if c)  # a tie: height - n.d has the sign of -lead
-        result &= (height < 0) | ((height == 0) & (lead > 0 and ties == "one-sided"))
-    return result
-
-
-def dense(voxels: NDArray[np.int64]) -> NDArray[np.bool_]:
-    grid = np.zeros((EDGE,) * 3, bool)
-    grid[tuple(voxels.T)] = True
-    return grid
-
-
-def pairs(grid: NDArray[np.bool_], step: tuple[int, int, int]):
-    """The grid and the grid moved by step, cut to where both exist."""
-    here = tuple(slice(max(0, -s), EDGE - max(0, s)) for s in step)
-    there = tuple(slice(max(0, s), EDGE + min(0, s)) for s in step)
-    return grid[here], grid[there]
-
-
 @pytest.mark.parametrize("ties", oracle.TIES)
 @pytest.mark.parametrize("sep", oracle.SEPARATIONS)
 def test_unset_neighbours_are_on_the_same_side_of_a_closed_mesh(sep, ties):
     for mesh in convex_meshes():
         voxels = voxelize_triangles(mesh, SNAP_BITS, (0, 0, 0), EDGE, sep, ties)
-        surface, side = dense(voxels.voxel[voxels.hit]), inside(mesh, ties)
-        for step in PATHS[sep]:
-            (set_a, set_b), (side_a, side_b) = pairs(surface, step), pairs(side, step)
-            assert not np.any(~set_a & ~set_b & (side_a != side_b)), (step, mesh.tolist())
-
-
-def flooded(surface: NDArray[np.bool_], steps) -> NDArray[np.bool_]:
-    """The unset voxels that paths from the corner of the grid reach."""
-    reached = np.zeros_like(surface)
-    reached[0, 0, 0] = True
-    before = 0
-    while before != (before := int(reached.sum())):
-        for step in steps:
-            for direction in (step, tuple(-s for s in step)):
-                here, there = pairs(reached, direction)
-                there |= here & ~pairs(surface, direction)[1]
-    return reached
+        surface, side = dense(voxels.voxel[voxels.hit], EDGE), inside(mesh, SNAP_BITS, EDGE, ties)
+        assert leaks(surface, side, PATHS[sep]) == 0, mesh.tolist()
 
 
 @pytest.mark.parametrize("ties", oracle.TIES)
@@ -96,7 +52,7 @@ def test_no_path_from_outside_reaches_the_middle_of_a_bumpy_sphere(sep, ties):
         for middle in (8 * UNIT, 8 * UNIT + HALF):
             mesh = scenes.sphere(steps, 5.7 * UNIT, (middle,) * 3, snap, 0.2)
             voxels = voxelize_triangles(mesh, SNAP_BITS, (0, 0, 0), EDGE, sep, ties)
-            surface = dense(voxels.voxel[voxels.hit])
+            surface = dense(voxels.voxel[voxels.hit], EDGE)
             assert not surface[8, 8, 8]
             reached = flooded(surface, PATHS[sep])
             assert reached[15, 15, 15]
@@ -107,7 +63,7 @@ def test_removing_any_voxel_of_a_6_separating_plane_opens_it():
     """TP-09: the set of a lattice-coplanar square is minimal, and so one voxel thick."""
     square = np.array([[[0, 0, 8], [16, 0, 8], [16, 16, 8]], [[0, 0, 8], [16, 16, 8], [0, 16, 8]]])
     voxels = voxelize_triangles(square * UNIT, SNAP_BITS, (0, 0, 0), EDGE, "6", "one-sided")
-    surface = dense(voxels.voxel[voxels.hit])
+    surface = dense(voxels.voxel[voxels.hit], EDGE)
     assert surface.sum() == EDGE * EDGE
     assert surface[:, :, 8].all()
     for at in ((0, 0, 8), (7, 9, 8), (15, 15, 8)):
