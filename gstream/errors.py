@@ -11,30 +11,33 @@ class GstreamError(Exception):
     exit_code = 1
 
 
-class UsageError(GstreamError):
+class AdvisedError(GstreamError):
+    """What is wrong, and what to do."""
+
+    def __init__(self, said: str, remedy: str = "") -> None:
+        super().__init__(said, remedy)
+        self.said, self.remedy = said, remedy
+
+    def __str__(self) -> str:
+        return f"{self.said}; {self.remedy}" if self.remedy else self.said
+
+
+class UsageError(AdvisedError):
     """An option, a path that cannot be read, or an output that exists already."""
 
     exit_code = 2
 
-    def __init__(self, said: str, remedy: str = "") -> None:
-        super().__init__(said, remedy)
-        self.said, self.remedy = said, remedy
 
-    def __str__(self) -> str:
-        return f"{self.said}; {self.remedy}" if self.remedy else self.said
-
-
-class StoppedError(GstreamError):
+class StoppedError(AdvisedError):
     """The job stopped midway (disk full, killed, failed unit); the same command resumes it."""
 
     exit_code = 3
 
-    def __init__(self, said: str, remedy: str = "") -> None:
-        super().__init__(said, remedy)
-        self.said, self.remedy = said, remedy
 
-    def __str__(self) -> str:
-        return f"{self.said}; {self.remedy}" if self.remedy else self.said
+class SceneError(AdvisedError):
+    """A scene whose numbers no grid can hold, whatever the options are."""
+
+    exit_code = 4
 
 
 class InputError(GstreamError):
@@ -66,17 +69,10 @@ class CorruptFileError(GstreamError):
         )
 
 
-class RefusedError(GstreamError):
+class RefusedError(AdvisedError):
     """Refused before the start: the job does not fit the memory or the disk it was given."""
 
     exit_code = 5
-
-    def __init__(self, said: str, remedy: str) -> None:
-        super().__init__(said, remedy)
-        self.said, self.remedy = said, remedy
-
-    def __str__(self) -> str:
-        return f"{self.said}; {self.remedy}"
 
 
 class UnsupportedError(GstreamError):

@@ -6,7 +6,7 @@ Source: architecture.md section 4; the snap budget L + k <= 26 keeps every exact
 from dataclasses import dataclass
 from math import ceil, floor, isfinite
 
-from gstream.errors import UsageError
+from gstream.errors import SceneError, UsageError
 
 MAX_RESOLUTION = 65_536
 MAX_SNAP_BITS = 12
@@ -51,7 +51,7 @@ def grid_of(
     """The grid of a scene with the given box, or of its part inside `bounds` where given.
 
     snap_bits : k, or None for as many as `most_snap_bits` allows
-    errors : UsageError for a grid that cannot be, with the limit
+    errors : UsageError for a grid that cannot be, with the limit; SceneError where no grid can
     """
     low, high = bounds or box
     if resolution is not None:
@@ -76,7 +76,7 @@ def grid_of_resolution(
     extent = max(h - l for l, h in zip(low, high, strict=True))
     farthest = max(abs(c) for c in (*low, *high))
     if 0 < extent < farthest * LEAST_EXTENT:
-        raise UsageError(
+        raise SceneError(
             "the scene's extent is below the precision of coordinates this far out",
             "move the scene to the origin",
         )
@@ -132,7 +132,7 @@ def _snapped(
     resolution: int, voxel_size: float, origin: Point, scene: Box, snap_bits: int | None
 ) -> Grid:
     if not (isfinite(voxel_size) and voxel_size > 0 and all(map(isfinite, origin))):
-        raise UsageError(*BEYOND_DOUBLE)
+        raise SceneError(*BEYOND_DOUBLE)
     reach = [resolution]
     for axis in range(3):
         first = min(0.0, (scene[0][axis] - origin[axis]) / voxel_size)
@@ -147,5 +147,5 @@ def _snapped(
         snap_bits = most_snap_bits(max(reach))
     check_snap_bits(snap_bits, max(reach))
     if not isfinite(2.0**snap_bits / voxel_size):
-        raise UsageError(*BEYOND_DOUBLE)
+        raise SceneError(*BEYOND_DOUBLE)
     return Grid(resolution, voxel_size, origin, snap_bits)

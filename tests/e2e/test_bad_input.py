@@ -67,6 +67,16 @@ def test_a_bad_mesh_is_refused_in_one_line_with_exit_4_and_leaves_nothing(tmp_pa
     assert os.listdir(tmp_path) == [name]
 
 
+@pytest.mark.parametrize("reach", ["1e-306", "1.7e308"])
+def test_a_scene_too_small_or_too_large_for_any_grid_ends_with_4_and_leaves_nothing(
+    tmp_path, reach
+):
+    (tmp_path / "far.obj").write_text(f"v -{reach} 0 0\nv {reach} 0 0\nv 0 {reach} 0\nf 1 2 3\n")
+    line = fail(tmp_path, 4, "build", "far.obj", "-o", "out.gsb", "--resolution", 16, *QUIETLY)
+    assert "the scene's extent is beyond double precision; scale the scene" in line
+    assert os.listdir(tmp_path) == ["far.obj"]
+
+
 def test_non_finite_and_degenerate_triangles_are_counted_and_the_rest_is_built(tmp_path):
     points, triangles = sphere(8)
     points = np.concatenate([points, [[np.nan, 0, 0], [0, np.inf, 0]]])

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import gstream
-from gstream.errors import UsageError
+from gstream.errors import SceneError
 from gstream.grid import Box, Grid, grid_of
 from gstream.kernels.snap import snap
 from gstream.kernels.voxelize import voxelize_triangles
@@ -107,7 +107,7 @@ def test_a_mesh_of_1e30_beside_1e_30_keeps_both_in_finite_voxels(tmp_path):
 def test_an_extent_beyond_float64_is_refused_and_not_snapped(tmp_path, reach):
     """H-GS-4. -1e308 to 1e308: the difference of two finite numbers is infinite."""
     points = [[-reach, 0, 0], [reach, 1, 0], [0, reach, 1]]
-    with pytest.raises(UsageError, match="beyond double precision"):
+    with pytest.raises(SceneError, match="beyond double precision"):
         build(tmp_path, points, resolution=16)
 
 
@@ -218,7 +218,7 @@ def test_a_corner_on_below_or_above_a_border_lies_in_a_grid_of_given_voxels(
 @pytest.mark.parametrize("extent", [1e-305, 1e-320])
 def test_an_extent_too_small_for_float64_is_refused(extent):
     """H-GS-3, H-GS-4."""
-    with pytest.raises(UsageError, match="beyond double precision"):
+    with pytest.raises(SceneError, match="beyond double precision"):
         grid_of(16, None, ((0.0, 0.0, 0.0), (extent, extent, extent)))
 
 
@@ -229,7 +229,7 @@ def test_a_scene_of_a_few_float64_steps_lies_in_its_grid_or_is_refused(offset):
     points = np.array([[offset] * 3, [high] * 3])
     try:
         grid = grid_of(16, None, box_of(points))
-    except UsageError:
+    except SceneError:
         return
     voxels = snapped(points, grid) >> grid.snap_bits
     assert voxels.min() >= 0
