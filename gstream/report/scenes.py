@@ -1,174 +1,244 @@
-"""Analytic scenes: a mesh, and the surface it stands for, known exactly. Nothing of a kernel's.
+"""The built-in scenes, by name: meshes of surfaces that are known exactly. Nothing of a kernel's.
 
 A mesh of flat triangles is not the curved surface: `floor` says how far it is from it at most, so
-that no error below that is blamed on the voxels.
+that no error below that is blamed on the voxels. The closed ones are closed to the bit.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import ceil, pi, sqrt
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Nearest = Callable[[Floats], tuple[Floats, Floats]]
+from gstream.report.scene import (
+    SAMPLES,
+    Bools,
+    Codes,
+    Floats,
+    Ints,
+    Scene,
+    codes_of_linear,
+    linear_of_codes,
+    spread,
+    spread_on,
+    write_ply,
+)
+from gstream.report.shapes import (
+    BOX_CORNERS,
+    BOX_TRIANGLES,
+    ball,
+    directions,
+    frames,
+    from_box,
+    from_circle,
+    on_ring,
+    ring,
+)
 
-SAMPLES = 4096
+__all__ = ["SCENES", "Floats", "Ints", "Scene", "write_ply"]
+
 PLANES = 4  # rectangles along each axis
+SHADE = 0.1  # linear light from a rectangle's middle to its edge; less than a code in half a voxel
 RING, TUBE = 1.0, 0.4  # radii of the torus
+FILAMENTS = 6
+THREAD = 0.0015  # radius of a filament; voxels at 256 per axis are 0.0076
 
-
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """A mesh and its true surface, in world units."""
-
-    name: str
-    points: Floats  # (n, 3) vertices
-    triangles: Ints  # (m, 3) vertices of each, anticlockwise from outside
-    nearest: Nearest  # (k, 3) points -> (k,) distance to the surface, (k, 3) unit normal there
-    samples: Floats  # (k, 3) points of the surface, evenly spread
-    area: float  # of the surface
-
-    @property
-    def floor(self) -> float:
-        """The mesh's own distance from the surface: its largest at the middles of its edges.
-
-        The triangles are right-angled or nearly so: the middle of the longest edge is furthest out.
-        """
-        corners = self.points[self.triangles]
-        middles = (corners + np.roll(corners, 1, axis=1)) / 2
-        return float(self.nearest(middles.reshape(-1, 3))[0].max())
+# The room, low and high corners in 1/1024 of the grid: faces at multiples of 32 lie between voxels
+# at 32 voxels per axis and more; those at odd multiples of 1, 2, 4 and 8 go through the centres of
+# voxels at 512, 256, 128 and 64 per axis, and between voxels at more.
+HOUSE = ((0, 64, 256), (1024, 960, 768))
+HALL = ((32, 96, 288), (992, 928, 736))
+FURNITURE = (
+    ((324, 130, 320), (356, 601, 704)),  # two walls
+    ((392, 648, 330), (872, 680, 700)),
+    ((448, 736, 328), (512, 800, 644)),  # a pillar
+    ((640, 160, 449), (896, 352, 466)),  # a slab
+)
 
 
 def planes(resolution: int) -> Scene:
-    """64 rectangles, each at an angle of its own; flat, so that the mesh is the surface."""
+    """64 rectangles, each at an angle of its own, their colour linear in linear light."""
     pitch = 1 / PLANES
     sites = (np.indices((PLANES,) * 3).reshape(3, -1).T + 0.5) * pitch
-    first, second, normal = _frames(len(sites))
+    first, second, normal = frames(len(sites))
     half = pitch / 4  # the corners stay 0.29 pitch away from the neighbours' at any angle
     signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     spanned = signs[:, :1] * first[:, None] + signs[:, 1:] * second[:, None]
     points = (sites[:, None] + half * spanned).reshape(-1, 3)
     quads = 4 * np.arange(len(sites))[:, None, None] + np.array([(0, 1, 2), (0, 2, 3)])
+    colours = _rectangle_colours(len(sites), signs)
 
-    def nearest(at: Floats) -> tuple[Floats, Floats]:
+    def locate(at: Floats) -> tuple[Floats, Ints, Floats]:
+        """Distance, rectangle, and the place on it that is nearest, (k, 2) from -1 to 1."""
         best, owner = np.full(len(at), np.inf), np.zeros(len(at), np.int64)
+        places = np.zeros((len(at), 2))
         for i, site in enumerate(sites):
             local = (at - site) @ np.stack([first[i], second[i], normal[i]], axis=1)
-            local[:, :2] = np.maximum(np.abs(local[:, :2]) - half, 0)
+            place = np.clip(local[:, :2], -half, half)
+            local[:, :2] -= place
             distance = np.linalg.norm(local, axis=1)
-            owner[distance < best] = i
+            closer = distance < best
+            owner[closer], places[closer] = i, place[closer] / half
             best = np.minimum(best, distance)
-        return best, normal[owner]
+        return best, owner, places
 
-    each = 2 * _spread(SAMPLES // len(sites)) - 1
+    def nearest(at: Floats) -> tuple[Floats, Floats]:
+        distance, owner, _ = locate(at)
+        return distance, normal[owner]
+
+    def colour(at: Floats) -> Floats:
+        _, owner, places = locate(at)
+        s, t = (places.T[:, :, None] + 1) / 2
+        a, b, c, d = linear_of_codes(colours).reshape(-1, 4, 3)[owner].transpose(1, 0, 2)
+        light: Floats = np.where(
+            s >= t, a + s * (b - a) + t * (c - b), a + t * (d - a) + s * (c - d)
+        )
+        return light
+
+    each = 2 * spread(SAMPLES // len(sites)) - 1
     across = each[:, :1] * first[:, None] + each[:, 1:] * second[:, None]
-    samples = (sites[:, None] + half * across).reshape(-1, 3)
-    return Scene("planes", points, quads.reshape(-1, 3), nearest, samples, len(sites) * 4 * half**2)
+    return Scene(
+        "planes",
+        points,
+        quads.reshape(-1, 3),
+        nearest,
+        samples=(sites[:, None] + half * across).reshape(-1, 3),
+        area=len(sites) * 4 * half**2,
+        colour=colour,
+        vertex_colours=colours,
+        flat=True,
+    )
 
 
 def sphere(resolution: int) -> Scene:
     """The unit sphere: a cube's six faces, blown up; error below a hundredth of a voxel."""
-    count = ceil(5.6 * sqrt(resolution))
-    angle = np.tan(np.linspace(-pi / 4, pi / 4, count + 1))
-    v, u = (part.ravel() for part in np.meshgrid(angle, angle, indexing="ij"))
-    face = np.stack([u, v, np.ones_like(u)], axis=1)
-    turns = [np.roll(face, axis, axis=1) for axis in range(3)]
-    cube = np.concatenate([*turns, *(-turn[:, [1, 0, 2]] for turn in turns)])
-    quads = _quads(count, count, count + 1)
-    starts = len(face) * np.arange(6)[:, None, None]
-    triangles = (starts + quads).reshape(-1, 3)
-    points = cube / np.linalg.norm(cube, axis=1, keepdims=True)
-    outward = _facing_out(points, triangles)
+    points, triangles = ball(resolution)
 
     def nearest(at: Floats) -> tuple[Floats, Floats]:
         radius = np.linalg.norm(at, axis=1)
         return np.abs(radius - 1), at / radius[:, None]
 
-    a, b = _spread(SAMPLES).T
-    ring = np.sqrt(1 - (1 - 2 * a) ** 2)
-    samples = np.stack([ring * np.cos(2 * pi * b), ring * np.sin(2 * pi * b), 1 - 2 * a], axis=1)
-    return Scene("sphere", points, outward, nearest, samples, 4 * pi)
+    return Scene(
+        "sphere",
+        points,
+        triangles,
+        nearest,
+        samples=directions(SAMPLES),
+        area=4 * pi,
+        closed=True,
+        inside=lambda at: np.linalg.norm(at, axis=1) < 1,
+    )
 
 
 def torus(resolution: int) -> Scene:
     """A ring of radius 1 and a tube of radius 0.4 about z."""
-    around, across = ceil(16 * sqrt(resolution)), ceil(8.4 * sqrt(resolution))
-    u = np.repeat(np.arange(around) / around, across)
-    v = np.tile(np.arange(across) / across, around)
-    points = _on_torus(u, v)
-    i, j = (part.ravel() for part in np.meshgrid(np.arange(around), np.arange(across)))
-    a, b = i * across + j, (i + 1) % around * across + j
-    c, d = i * across + (j + 1) % across, (i + 1) % around * across + (j + 1) % across
-    triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)])
+    points, triangles = ring(ceil(16 * sqrt(resolution)), ceil(8.4 * sqrt(resolution)), RING, TUBE)
 
     def nearest(at: Floats) -> tuple[Floats, Floats]:
-        radius = np.hypot(at[:, 0], at[:, 1])
-        inside = np.hypot(radius - RING, at[:, 2])
-        outward = at.copy()
-        outward[:, :2] *= ((radius - RING) / radius)[:, None]
-        return np.abs(inside - TUBE), outward / inside[:, None]
+        distance, outward = from_circle(at, RING)
+        return np.abs(distance - TUBE), outward
 
-    # dense on the inner side, thin on the outer one: for the largest distance that is no matter
-    samples = _on_torus(*_spread(SAMPLES).T)
-    return Scene("torus", points, triangles, nearest, samples, 4 * pi**2 * RING * TUBE)
-
-
-SCENES: dict[str, Callable[[int], Scene]] = {"planes": planes, "sphere": sphere, "torus": torus}
-
-
-def write_ply(scene: Scene, path: Path) -> None:
-    """Binary little-endian PLY with double positions, so that the vertices are exact."""
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(scene.points)}\n"
-        "property double x\nproperty double y\nproperty double z\n"
-        f"element face {len(scene.triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+    return Scene(
+        "torus",
+        points,
+        triangles,
+        nearest,
+        # dense on the inner side, thin on the outer one: for the largest distance that is no matter
+        samples=on_ring(spread(SAMPLES), RING, TUBE),
+        area=4 * pi**2 * RING * TUBE,
+        closed=True,
+        inside=lambda at: from_circle(at, RING)[0] < TUBE,
     )
-    faces = np.empty(len(scene.triangles), [("n", "u1"), ("v", "<i4", 3)])
-    faces["n"], faces["v"] = 3, scene.triangles
-    path.write_bytes(header.encode() + scene.points.astype("<f8").tobytes() + faces.tobytes())
 
 
-def _spread(count: int) -> Floats:
-    """(count, 2) points of the unit square, evenly spread and always the same.
+def room(resolution: int) -> Scene:
+    """A house with a hall in it, walls, a pillar and a slab: boxes, every tie there is.
 
-    source : R2, M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018
+    The grid is 1025/1024 wide about the middle and so begins at -1/2048: where the voxels per axis
+    are a power of two, all of it is exact in binary.
     """
-    plastic = 1.324717957244746
-    return np.mod((np.arange(count)[:, None] + 0.5) * [1 / plastic, 1 / plastic**2], 1.0)
+    boxes = np.array([HOUSE, HALL, *FURNITURE]) * (1025 / 2**20) - 2.0**-11
+    boxes = np.clip(boxes, 0, 1)  # the house's ends: what the grid is laid about
+    solid = np.array([1, -1, 1, 1, 1, 1])
+    corners = np.where(BOX_CORNERS, boxes[:, 1:], boxes[:, :1])
+    triangles = np.concatenate([8 * i + BOX_TRIANGLES[:, ::way] for i, way in enumerate(solid)])
+    points = corners.reshape(-1, 3)
+
+    def nearest(at: Floats) -> tuple[Floats, Floats]:
+        best, normal = np.full(len(at), np.inf), np.zeros((len(at), 3))
+        for (low, high), way in zip(boxes, solid, strict=True):
+            distance, outward = from_box(at, low, high)
+            closer = distance < best
+            best[closer], normal[closer] = distance[closer], way * outward[closer]
+        return best, normal
+
+    def inside(at: Floats) -> Bools:
+        within = (at > boxes[:, 0, None]) & (at <= boxes[:, 1, None])
+        odd: Bools = within.all(axis=2).sum(axis=0) % 2 == 1
+        return odd
+
+    sides = boxes[:, 1] - boxes[:, 0]
+    return Scene(
+        "room",
+        points,
+        triangles,
+        nearest,
+        samples=spread_on(points[triangles], SAMPLES),
+        area=float(2 * (sides * np.roll(sides, 1, axis=1)).sum()),
+        closed=True,
+        inside=inside,
+        flat=True,
+    )
 
 
-def _frames(count: int) -> tuple[Floats, Floats, Floats]:
-    """(count, 3) each: right-handed orthonormal frames with evenly spread normals."""
-    a, b = _spread(count).T
-    ring = np.sqrt(1 - (1 - 2 * a) ** 2)
-    normal = np.stack([ring * np.cos(2 * pi * b), ring * np.sin(2 * pi * b), 1 - 2 * a], axis=1)
-    least = np.eye(3)[np.abs(normal).argmin(axis=1)]
-    first = np.cross(least, normal)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(normal, first), normal
+def filaments(resolution: int) -> Scene:
+    """Rings of thread, each at an angle of its own, a fifth of a voxel thick at 256 per axis."""
+    turned = np.stack(frames(FILAMENTS), axis=2)  # local -> world
+    middles = 0.1 * directions(FILAMENTS)
+    radii = 1 - 0.4 * np.arange(FILAMENTS) / FILAMENTS
+    around = ceil(16 * sqrt(resolution))
+    rings = [ring(around, 36, radius, THREAD) for radius in radii]
+    points = np.stack([points for points, _ in rings]) @ turned.transpose(0, 2, 1)
+    starts = points.shape[1] * np.arange(FILAMENTS)[:, None, None]
+    turns = spread(SAMPLES // FILAMENTS)
+    samples = np.stack([on_ring(turns, radius, THREAD) for radius in radii])
+
+    def locate(at: Floats) -> tuple[Floats, Floats]:
+        """Distance from the nearest thread's middle, and the way from there."""
+        best, way = np.full(len(at), np.inf), np.zeros((len(at), 3))
+        for frame, middle, radius in zip(turned, middles, radii, strict=True):
+            distance, outward = from_circle((at - middle) @ frame, radius)
+            closer = distance < best
+            best[closer], way[closer] = distance[closer], (outward @ frame.T)[closer]
+        return best, way
+
+    def nearest(at: Floats) -> tuple[Floats, Floats]:
+        distance, outward = locate(at)
+        return np.abs(distance - THREAD), outward
+
+    return Scene(
+        "filaments",
+        (points + middles[:, None]).reshape(-1, 3),
+        (starts + np.stack([triangles for _, triangles in rings])).reshape(-1, 3),
+        nearest,
+        samples=(samples @ turned.transpose(0, 2, 1) + middles[:, None]).reshape(-1, 3),
+        area=float(4 * pi**2 * THREAD * radii.sum()),
+        closed=True,
+        inside=lambda at: locate(at)[0] < THREAD,
+    )
 
 
-def _quads(rows: int, columns: int, stride: int) -> Ints:
-    """(2 * rows * columns, 3) triangles of a lattice of vertices, `stride` to a row."""
-    row, column = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
-    a = (row * stride + column).ravel()
-    b, c, d = a + 1, a + stride, a + stride + 1
-    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)])
+SCENES: dict[str, Callable[[int], Scene]] = {
+    "planes": planes,
+    "sphere": sphere,
+    "torus": torus,
+    "room": room,
+    "filaments": filaments,
+}
 
 
-def _facing_out(points: Floats, triangles: Ints) -> Ints:
-    """The triangles of a shape that is convex about the origin, all anticlockwise from outside."""
-    a, b, c = points[triangles].transpose(1, 0, 2)
-    inward = (np.cross(b - a, c - a) * a).sum(axis=1) < 0
-    return np.where(inward[:, None], triangles[:, ::-1], triangles)
-
-
-def _on_torus(u: Floats, v: Floats) -> Floats:
-    """(n, 3) points at turns u about z and v about the tube."""
-    radius = RING + TUBE * np.cos(2 * pi * v)
-    ring = radius * np.cos(2 * pi * u), radius * np.sin(2 * pi * u)
-    return np.stack([*ring, TUBE * np.sin(2 * pi * v)], axis=1)
+def _rectangle_colours(count: int, signs: Ints) -> Codes:
+    """(4 * count, 3) sRGB codes of corners: a colour of its own, and a slope for each channel."""
+    base = 0.3 + 0.5 * np.concatenate([spread(count), spread(2 * count)[count:, :1]], axis=1)
+    slopes = SHADE * np.array([(1, 0, 0.5), (0, 1, 0.5)])
+    light = base[:, None] + signs @ slopes
+    return np.rint(codes_of_linear(light)).astype(np.uint8).reshape(-1, 3)
