@@ -59,7 +59,7 @@ def widened(grid: Bools) -> Bools:
 
 @pytest.mark.parametrize("part", [14, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("ties", oracle.TIES)
-def test_a_million_voxels_are_set_as_the_oracle_sets_them(ties, part):
+def test_millions_of_voxels_are_set_as_the_oracle_sets_them(ties, part):
     """0 mismatches; the quick part takes one triangle in 14."""
     tests: Counter[str] = Counter()
     met = near = 0
