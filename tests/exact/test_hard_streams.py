@@ -1,13 +1,16 @@
-"""Hard streams: signs of zero, denormals, far and flat scenes, and the corner of the box.
+"""Hard streams: nothing in them, signs of zero, denormals, far and flat scenes, totals above 2^32.
 
 The judge of the snapping is exact: Fractions of the float64 numbers that grid and input hold.
 """
 
+import os
 from dataclasses import replace
 from fractions import Fraction
 from math import floor, nextafter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -18,10 +21,26 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import gstream
-from gstream.errors import SceneError
+from gstream.errors import SceneError, UsageError
+from gstream.formats.blockfile import write_block_file
+from gstream.formats.blockhead import BlockFileHeader
+from gstream.formats.columns import CODEC_CONSTANT, column_specs
+from gstream.formats.directory import STATE_DATA, pile_dtype
+from gstream.formats.stream import (
+    POSITION_F4,
+    ROW,
+    Chunk,
+    StreamReader,
+    StreamWriter,
+    encode_chunk,
+)
+from gstream.formats.stream_check import COUNTERS
 from gstream.grid import Box, Grid, grid_of
+from gstream.job import Job, VoxelizeSettings
 from gstream.kernels.snap import snap
 from gstream.kernels.voxelize import voxelize_triangles
+from gstream.run import commands
+from gstream.stages import presort
 
 Floats = NDArray[np.float64]
 
@@ -71,6 +90,33 @@ def build(folder: Path, points: Any, triangles: Any = None, **settings: Any) -> 
     more = {"block": 16, "workers": 0, "force": True, **settings}
     gstream.build(mesh, folder / "out.gsb", **more)
     return folder / "out.gsb"
+
+
+@pytest.mark.parametrize("chunks", [0, 2])
+def test_a_stream_without_triangles_is_valid_and_no_grid_is_laid_around_it(tmp_path, chunks):
+    """H-GS-1. Without chunks, and with chunks of nothing; meshes without triangles are refused."""
+    stream, output = tmp_path / "empty.gst", tmp_path / "out.gsb"
+    with stream.open("wb") as file:
+        writer = StreamWriter(file, [POSITION_F4], {})
+        for _ in range(chunks):
+            writer.add_chunk(encode_chunk(Chunk(np.empty((0, 3), np.float32)), "fast"))
+        writer.finish({"sources": [dict.fromkeys(COUNTERS, 0)]})
+    assert gstream.check(stream).ok
+    assert StreamReader(stream).box is None
+    options = commands.RunOptions(workers=0)
+    request = commands.voxelize(str(stream), VoxelizeSettings(resolution=16), str(output), options)
+    with pytest.raises(UsageError, match="has no triangles to voxelize"):
+        request.run()
+    assert not output.exists()
+
+
+def test_chunks_of_nothing_beside_others_set_no_voxel(tmp_path):
+    """H-GS-1. Each triangle is a chunk of its own; two have no finite corner."""
+    points = np.random.default_rng(3).uniform(0, 5, (18, 3))
+    given = {"sep": "conservative", "resolution": 16, "ingest": {"chunk_triangles": 1}}
+    wanted = finest(build(tmp_path, points, **given))
+    points = np.concatenate([points, np.full((6, 3), np.nan)])
+    assert finest(build(tmp_path, points, **given)) == wanted
 
 
 @pytest.mark.parametrize("sep", oracle.SEPARATIONS)
@@ -234,3 +280,54 @@ def test_a_scene_of_a_few_float64_steps_lies_in_its_grid_or_is_refused(offset):
     voxels = snapped(points, grid) >> grid.snap_bits
     assert voxels.min() >= 0
     assert voxels.max() < 16
+
+
+def test_five_thousand_million_triangles_are_planned_to_the_last(monkeypatch):
+    """H-GS-8. 76,294 chunks of 65,536 triangles: units in a row, each chunk in one of them."""
+    chunks = np.zeros(76_294, ROW)
+    chunks["triangles"] = 65_536
+    box = ((0.0,) * 3, (1.0,) * 3)
+    reader = SimpleNamespace(chunks=chunks, box=box, attributes=(), metadata={})
+    monkeypatch.setattr(presort, "StreamReader", lambda path: reader)
+    units = presort.plan(Job("", "", "a.gst", voxelize=VoxelizeSettings(resolution=16_384)))
+    firsts, lasts = zip(*(unit.data[1:3] for unit in units), strict=True)
+    assert (0, *lasts) == (*firsts, 76_294)
+    assert sum(unit.cost for unit in units) == 76_294 * 65_536 > 2**32
+
+
+class Holes:
+    """A file that leaves out what is 16 MiB long, as a hole."""
+
+    def __init__(self, file: Any) -> None:
+        self.file = file
+
+    def write(self, data: bytes) -> None:
+        if len(data) == 1 << 24:
+            self.file.seek(1 << 24, os.SEEK_CUR)
+        else:
+            self.file.write(data)
+
+
+def test_a_block_file_counts_voxels_and_places_payloads_beyond_32_bits(tmp_path):
+    """H-GS-8. 260 blocks of 256^3 voxels of a byte: 2^32 + 2^26 of both, in a sparse file."""
+    specs, many, size = column_specs(11), 260, 1 << 24
+    columns = [specs["occupancy"], specs["mask"]]
+    rows = np.zeros(many, pile_dtype(columns))
+    rows["key"], rows["count"], rows["state"], rows["high"] = np.arange(many), size, STATE_DATA, 255
+    rows["occupancy"]["raw"], rows["occupancy"]["codec"] = 1, CODEC_CONSTANT
+    rows["mask"]["stored"] = rows["mask"]["raw"] = size
+    rows["mask"]["crc"] = crc32(bytes(size))
+    matrix = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    header = BlockFileHeader(65_536, 10, 1, 8, matrix, (0.0,) * 3 + (65_536.0,) * 3)
+    path, ledger = tmp_path / "large.gsb", {"triangles": 5 << 32, "area_total": 5 << 58}
+    fetch, meta = lambda *_: bytes(size), {"ledger": ledger}
+    with path.open("wb") as file:
+        write_block_file(Holes(file), header, rows, fetch, meta, columns)
+    assert os.stat(path).st_blocks * 512 < 1 << 20
+    with gstream.open(path) as file:
+        assert file.metadata["ledger"] == {**ledger, "voxels": [many << 24]}
+        assert file.head.levels["voxels"].tolist() == [many << 24]
+        views = list(file.blocks(0))
+        assert [view.key for view in views] == list(range(many))
+        assert views[-1].stored("mask") == bytes(size)
+        assert path.stat().st_size > 2**32
