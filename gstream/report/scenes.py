@@ -9,6 +9,7 @@ from math import ceil, pi, sqrt
 
 import numpy as np
 
+from gstream.report.mesh import scene_of_mesh
 from gstream.report.scene import (
     SAMPLES,
     Bools,
@@ -40,6 +41,7 @@ PLANES = 4  # rectangles along each axis
 SHADE = 0.1  # linear light from a rectangle's middle to its edge; less than a code in half a voxel
 RING, TUBE = 1.0, 0.4  # radii of the torus
 FILAMENTS = 6
+WAVES = 60  # of the noise, 2 to 56 radians along the sphere's radius
 THREAD = 0.0015  # radius of a filament; voxels at 256 per axis are 0.0076
 
 # The room, low and high corners in 1/1024 of the grid: faces at multiples of 32 lie between voxels
@@ -227,11 +229,22 @@ def filaments(resolution: int) -> Scene:
     )
 
 
+def noise(resolution: int) -> Scene:
+    """A sphere as a scanner sees it: waves of many lengths on it. The mesh is the surface."""
+    points, triangles = ball(resolution)
+    pace = 2 * 28 ** (np.arange(WAVES) / (WAVES - 1))
+    height = 0.02 * pace**-0.5
+    phases = points @ (directions(WAVES) * pace[:, None]).T + 2 * pi * spread(WAVES)[:, 0]
+    radius = 1 + np.sin(phases) @ height
+    return scene_of_mesh("noise", points * radius[:, None], triangles)
+
+
 SCENES: dict[str, Callable[[int], Scene]] = {
     "planes": planes,
     "sphere": sphere,
     "torus": torus,
     "room": room,
+    "noise": noise,
     "filaments": filaments,
 }
 
