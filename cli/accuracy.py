@@ -22,6 +22,7 @@ def report() -> None:
 
 
 @report.command()
+@click.argument("file", required=False)
 @click.option(
     "-o", "--output", required=True, metavar="FOLDER", help="The folder of the report; may exist."
 )
@@ -30,7 +31,7 @@ def report() -> None:
     default="small",
     show_default=True,
     metavar="small|all",
-    help="The sphere alone, or planes, sphere and torus.",
+    help="The sphere alone at 128 voxels, or every built-in scene at 256.",
 )
 @click.option("--knob", "knobs", multiple=True, metavar="NAME", help="Only this one; repeatable.")
 @click.option(
@@ -39,23 +40,32 @@ def report() -> None:
 @options.as_json
 @options.quiet
 def accuracy(
-    output: str, scenes: str, knobs: tuple[str, ...], runs: int, as_json: bool, quiet: bool
+    file: str | None,
+    output: str,
+    scenes: str,
+    knobs: tuple[str, ...],
+    runs: int,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Measure what accuracy costs in time.
 
-    Turns every knob on scenes whose surface is known exactly, one voxelizing process after another.
-    Writes report.json, report.md and report.html; prints the price of each knob. The plots of the
-    page need matplotlib: pip install 'gstream[report]'.
+    Turns every knob on scenes whose surface is known exactly, or on FILE, a mesh or a geometry
+    stream, which is then its own true surface; one process after another. Writes report.json,
+    report.md and report.html; prints the price of each knob. The plots of the page need matplotlib:
+    pip install 'gstream[report]'.
 
     \b
     gstream report accuracy -o accuracy
+    gstream report accuracy bunny.ply -o accuracy --knob resolution
     gstream report accuracy -o accuracy --scenes all --knob sep --knob normal-bits --runs 5
     """
-    from gstream.report.accuracy import as_dict, measure, plan_of
+    from gstream.report.accuracy import measure, plan_of
     from gstream.report.page import html
+    from gstream.report.results import as_dict
     from gstream.report.words import markdown, price
 
-    plan = plan_of(scenes, knobs, runs)
+    plan = plan_of(scenes, file, knobs, runs)
     folder = _made(Path(output))
     with watch(quiet) as progress:
         found = measure(plan, progress)
@@ -63,13 +73,13 @@ def accuracy(
     written = json.dumps(as_dict(found, prices), indent=1, allow_nan=False)
     texts = {"json": written, "md": markdown(found), "html": html(found)}
     for form, text in texts.items():
-        with publish(folder / f"report.{form}") as file:
-            file.write(text.encode())
+        with publish(folder / f"report.{form}") as out:
+            out.write(text.encode())
     if as_json:
         click.echo(written)
     elif not quiet:
         for series, said in zip(found.series, prices, strict=True):
-            click.echo(f"{series.knob.option}, {series.scene}: {said}")
+            click.echo(f"{series.knob.title}, {series.scene}: {said}")
 
 
 def _made(folder: Path) -> Path:

@@ -7,7 +7,7 @@ falls out of scanning the tiles: nothing is sorted.
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.kernels import kernel
+from gstream.kernels import kernel, part
 
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
@@ -18,6 +18,12 @@ CHUNK = 1024  # fragments looked up at once
 AREA, VECTOR, CHANNELS = 0, 1, 4  # columns of the sums: area, area vector (3), channels
 HIT_BIT = 6  # of the flags, beside the six face bits
 HIT = 1 << HIT_BIT
+
+
+@part
+def fixed(value: float) -> int:
+    """In whole units; the accuracy report has a form that leaves fractions as they are."""
+    return np.int64(np.rint(value))
 
 
 @kernel
@@ -82,17 +88,17 @@ def accumulate(
             t = np.uint64(owners[here])
             # An integer before all else: small triangles have areas from `cover.py` or `clip.py`,
             # which differ by 2^-40 of a face, too little to change it but for bad luck.
-            area = np.rint(max(areas[here], 1.0))
+            area = np.float64(fixed(max(areas[here], 1.0)))
             # All loads before all stores: so the four become one vector.
             share, x, y, z = normals[t, 0], normals[t, 1], normals[t, 2], normals[t, 3]
             s0, s1, s2, s3 = sums[at, 0], sums[at, 1], sums[at, 2], sums[at, 3]
-            s0 += np.int64(np.rint(area * share))
-            s1 += np.int64(np.rint(area * x))
-            s2 += np.int64(np.rint(area * y))
-            s3 += np.int64(np.rint(area * z))
+            s0 += fixed(area * share)
+            s1 += fixed(area * x)
+            s2 += fixed(area * y)
+            s3 += fixed(area * z)
             sums[at, 0], sums[at, 1], sums[at, 2], sums[at, 3] = s0, s1, s2, s3
             for c in range(channels.shape[1]):
-                sums[at, CHANNELS + c] += np.int64(np.rint(area * channels[here, c]))
+                sums[at, CHANNELS + c] += fixed(area * channels[here, c])
             flags[at] |= masks[t] | (np.uint8(hits[here]) << HIT_BIT)
         start += size
     used[0], used[1] = tile_count, voxel_count

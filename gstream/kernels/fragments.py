@@ -23,10 +23,10 @@ from gstream.kernels.overlap import (
     face_mask,
     plane_out_of_reach,
     plane_range,
+    prepare_direction,
     prepare_edges,
     prepare_normal,
     prepare_plane,
-    prepare_direction,
 )
 from gstream.kernels.targets import meets_centre_lines, meets_diagonals, prepare_diagonals
 
@@ -36,6 +36,7 @@ F64 = NDArray[np.float64]
 CONSERVATIVE, SIX, TWENTY_SIX = 0, 6, 26
 SLAB_FRAGMENTS = 4096  # room for a slab of 256 columns: closed ties add 2 voxels to a column
 BUFFER_FRAGMENTS = 16_448
+NUMBER = np.int64  # of corners and thresholds; the accuracy report has a form with floats
 FEW_VOXELS = 4  # along w: up to here every voxel is tested, above the range is computed
 
 
@@ -165,14 +166,14 @@ def emit(
     place, slab = resume
     scale = 1.0 / (1 << k)
     has_channels = values.shape[2] > 0
-    tri = np.empty((3, 3), np.int64)
+    tri = np.empty((3, 3), NUMBER)
     box = np.empty((3, 3), np.int64)
     order = np.empty(3, np.int64)
-    plane = np.empty(PLANE_SLOTS, np.int64)
-    edges = np.empty((3, 3, 3), np.int64)
-    centres = np.empty((3, 3), np.int64)
-    lines = np.empty((4, 3, 4), np.int64)
-    ends = np.empty((4, 3), np.int64)
+    plane = np.empty(PLANE_SLOTS, NUMBER)
+    edges = np.empty((3, 3, 3), NUMBER)
+    centres = np.empty((3, 3), NUMBER)
+    lines = np.empty((4, 3, 4), NUMBER)
+    ends = np.empty((4, 3), NUMBER)
     voxel = np.empty(3, np.int64)
     whole_u, whole_v = np.empty(3), np.empty(3)
     strip_u, strip_v = np.empty(CORNERS), np.empty(CORNERS)

@@ -1,32 +1,44 @@
-"""The knobs: options of `gstream voxelize`, the values tried, and what each may change."""
+"""The knobs: what is turned, the values tried, and what each may change.
+
+Most are options of `gstream voxelize`. The others are forms of a step that the program does not
+offer, measured so that the price of the one it has can be read.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 BYTES, VOXELS = "bytes", "voxels"  # what must stay equal under a lossless knob
+FORM_RESOLUTION = 256  # the most voxels per axis of forms: they fill one box
 
 
 @dataclass(frozen=True, slots=True)
 class Knob:
-    """One option; all others stay at their defaults while it is turned."""
+    """One thing to turn; all others stay at their defaults."""
 
     name: str
-    field: str  # of VoxelizeSettings or RunOptions
     values: tuple[Any, ...]
-    error: str = ""  # the field of metrics.Errors that judges it; empty: it must be lossless
+    default: Any
+    error: str = ""  # the error that judges it; empty: it must be lossless
     same: str = ""  # of a lossless knob: BYTES or VOXELS
+    field: str = ""  # of VoxelizeSettings or RunOptions; empty: a form
+    costs: tuple[str, ...] = ("seconds", "bytes")
+    scene: str = ""  # a form that brings its own
 
     @property
-    def option(self) -> str:
-        """As a user writes it."""
-        return f"--{self.name}"
+    def title(self) -> str:
+        """As a user writes it, or says it."""
+        return f"--{self.name}" if self.field else f"{self.name} (no option)"
 
 
 UNITS = {
     "distance_rms": "distance to the surface, rms, voxels of the default",
     "normal_mean": "angle to the true normal, mean, degrees",
     "area": "area missing or too much, part of all",
+    "misclassified": "voxels set or left out wrongly",
+    "colour_mean": "distance from the true colour, mean, codes of 8 bits",
+    "faces_missing": "surface without a face, part of all as seen along the axes",
+    "order": "voxels that the order of triangles changes",
 }
 
 
@@ -52,28 +64,45 @@ def defaults(resolution: int) -> dict[str, Any]:
 def knobs(resolution: int) -> tuple[Knob, ...]:
     """Every knob with its values, about a default of `resolution` voxels per axis."""
     sizes = tuple(resolution * 2**step // 4 for step in range(4))
+    base = defaults(resolution)
+
+    def option(name: str, values: tuple[Any, ...], error: str = "", same: str = "") -> Knob:
+        field = name.replace("-", "_")
+        return Knob(name, values, base[field], error, same, field)
+
     return (
-        Knob("resolution", "resolution", sizes, error="distance_rms"),
-        Knob("sep", "sep", ("6", "26", "conservative"), error="area"),
-        Knob("snap-bits", "snap_bits", (2, 4, 6, 8, 12), error="normal_mean"),
-        Knob("normal-bits", "normal_bits", (8, 9, 10, 11, 12), error="normal_mean"),
-        Knob("block", "block", (32, 64, 128), same=VOXELS),
-        Knob("lz4", "lz4", ("fast", "hc"), same=VOXELS),
-        Knob("workers", "workers", (0, 2), same=BYTES),
-        Knob("memory", "memory", (1 << 30, 2 << 30), same=BYTES),
-        Knob("cell", "cell", (64, 256), same=BYTES),
-    )
+        option("resolution", sizes, error="distance_rms"),
+        option("sep", ("6", "26", "conservative"), error="area"),
+        option("snap-bits", (2, 4, 6, 8, 12), error="misclassified"),
+        Knob("classification", ("float32", "float64", "exact"), "exact", "misclassified",
+             costs=("seconds",)),
+        Knob("sums", ("float32", "float64", "int64"), "int64", "order"),
+        option("normal-bits", (8, 9, 10, 11, 12), error="normal_mean"),
+        Knob("colour-bits", (4, 5, 6, 7, 8, 10), 8, "colour_mean", costs=("bytes",)),
+        Knob("face-threshold", (0.0, 0.02, 0.05, 0.1, 0.2), 0.0, "faces_missing",
+             costs=("faces",)),
+        Knob("lod-weight", ("count", "area", "area, never rounded"), "area", "normal_mean"),
+        Knob("lod-codes", ("8", "9", "10", "11", "12", "once"), "11", "normal_mean",
+             scene="strands"),
+        option("block", (32, 64, 128), same=VOXELS),
+        option("lz4", ("fast", "hc"), same=VOXELS),
+        option("workers", (0, 2), same=BYTES),
+        option("memory", (1 << 30, 2 << 30), same=BYTES),
+        option("cell", (64, 256), same=BYTES),
+    )  # fmt: skip
 
 
-def fewer(knob: Knob, resolution: int) -> Knob:
-    """The knob at its first, default and last value: starting a process takes 2 s."""
-    wanted = {knob.values[0], defaults(resolution)[knob.field], knob.values[-1]}
+def fewer(knob: Knob) -> Knob:
+    """An option at its first, default and last value: starting a process takes 2 s."""
+    if not knob.field:
+        return knob
+    wanted = {knob.values[0], knob.default, knob.values[-1]}
     return replace(knob, values=tuple(value for value in knob.values if value in wanted))
 
 
-def shown(field: str, value: Any) -> str:
+def shown(knob: Knob, value: Any) -> str:
     """A value as a user writes it."""
-    return f"{value >> 30}GiB" if field == "memory" else str(value)
+    return f"{value >> 30}GiB" if knob.field == "memory" else str(value)
 
 
 def settings_at(resolution: int, changed: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.read import BlockFile
-from gstream.report.oracle import exact_voxels
+from gstream.report.oracle import distinct, exact_voxels
 from gstream.report.scene import Bools, Floats, Ints, Scene, codes_of_linear
 
 WEIGHT_UNIT = 2.0**-20  # voxel faces (blockfile.md, weight)
@@ -17,6 +17,7 @@ Place = tuple[int, int, int]
 
 REACH = 2.5  # voxels: beyond the 5^3 neighbourhood no centre is nearer
 NEIGHBOURS = np.indices((5, 5, 5)).reshape(3, -1).T - 2
+KEY_BITS = 17
 AXES = np.eye(3, dtype=np.int64)
 HALF_OF_26 = (np.indices((3, 3, 3)).reshape(3, -1).T - 1)[14:]  # the others are their opposites
 
@@ -140,11 +141,14 @@ def _about(positions: Ints, shape: Place) -> Ints:
     other voxel, so that the surface, and with it the mesh, meets one of them or of both's common
     neighbours.
     """
-    for step in AXES:
-        spread = np.concatenate([positions - step, positions, positions + step])
-        positions = spread[np.unique(_keys(spread), return_index=True)[1]]
-    inside = (positions >= 0) & (positions < np.array(shape))
-    return positions[inside.all(axis=1)]
+    keys = _keys(positions)
+    for axis in range(3):
+        step = 1 << KEY_BITS * axis
+        keys = distinct(np.concatenate([keys - step, keys, keys + step]))
+    mask = (1 << KEY_BITS) - 1
+    spread = np.stack([(keys >> KEY_BITS * axis & mask) - 2 for axis in range(3)], axis=1)
+    inside = (spread >= 0) & (spread < np.array(shape))
+    return spread[inside.all(axis=1)]
 
 
 def angles(found: Floats, true: Floats) -> Floats:
@@ -197,5 +201,5 @@ def differing_bytes(data: bytes, other: bytes) -> int:
 def _keys(positions: Ints) -> Ints:
     """One number for each voxel: coordinates from -2 to 65 537 fit 17 bits."""
     x, y, z = (positions + 2).T
-    keys: Ints = x | y << 17 | z << 34
+    keys: Ints = x | y << KEY_BITS | z << 2 * KEY_BITS
     return keys

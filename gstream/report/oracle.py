@@ -54,11 +54,19 @@ def exact_voxels(corners: Floats, sep: str, low: Vector, high: Vector) -> Ints:
     returns : (n, 3) voxel coordinates, sorted by x, y, z, each once
     """
     search = _Search(corners, sep, np.array(low), np.array(high))
-    keys = np.unique(np.concatenate([np.empty(0, np.int64), *search.keys()]))
+    keys = distinct(np.concatenate([np.empty(0, np.int64), *search.keys()]))
     mask = (1 << KEY_BITS) - 1
     shifts = (2 * KEY_BITS, KEY_BITS, 0)
     found: Ints = np.stack([keys >> shift & mask for shift in shifts], axis=1) + np.array(low)
     return found
+
+
+def distinct(keys: Ints) -> Ints:
+    """(n,) numbers sorted, each once: as numpy.unique, which hashes first and took ten times that."""
+    keys = np.sort(keys)
+    first = np.ones(len(keys), np.bool_)
+    first[1:] = keys[1:] != keys[:-1]
+    return keys[first]
 
 
 class _Search:
@@ -92,7 +100,7 @@ class _Search:
                 yield from self._halved(some[near], 2 * eight[near], level - 1)
                 continue
             x, y, z = (eight[test.met(self._targets)] - self._low).T
-            yield np.unique(x << 2 * KEY_BITS | y << KEY_BITS | z)
+            yield distinct(x << 2 * KEY_BITS | y << KEY_BITS | z)
 
 
 class _Test:

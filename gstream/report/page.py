@@ -6,12 +6,12 @@ from importlib.util import find_spec
 from io import StringIO
 from typing import IO, Any
 
-from gstream.report.accuracy import Report, Series, cost_of
 from gstream.report.knobs import UNITS, shown
-from gstream.report.words import price
+from gstream.report.results import Report, Series
+from gstream.report.words import cells, price
 
 MISSING = "Plots need matplotlib: pip install 'gstream[report]'"
-COSTS = {"seconds": "CPU seconds, median", "bytes": "bytes of the file"}
+COSTS = {"seconds": "CPU seconds, median", "bytes": "bytes", "faces": "faces"}
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em }
 table { border-collapse: collapse } td, th { padding: .2em .8em; text-align: right }
@@ -27,7 +27,9 @@ def html(report: Report) -> str:
         body.append(f"<p>{escape(MISSING)}</p>")
     for knob in report.plan.knobs:
         series = [s for s in report.series if s.knob.name == knob.name]
-        body.append(f"<h2>{escape(knob.option)}</h2>")
+        if not series:
+            continue
+        body.append(f"<h2>{escape(knob.title)}</h2>")
         body += [f"<p><b>{s.scene}</b>: {escape(price(s))}</p>" for s in series]
         if plots:
             body.append(_svg(series))
@@ -39,7 +41,7 @@ def html(report: Report) -> str:
 
 
 def plot(series: Sequence[Series], file: IO[Any], form: str) -> None:
-    """Draw one knob: error over seconds and over bytes, a colour for each scene.
+    """Draw one knob: its error over each of its costs, a colour for each scene.
 
     The Pareto front is joined by a line, its points filled; the default is circled.
     form : what matplotlib can write: svg, png
@@ -50,20 +52,20 @@ def plot(series: Sequence[Series], file: IO[Any], form: str) -> None:
 
     knob = series[0].knob
     with rc_context({"svg.hashsalt": knob.name, "font.size": 9}):
-        figure = Figure(figsize=(10, 3.8), layout="constrained")
-        for axes, (cost, label) in zip(figure.subplots(1, 2), COSTS.items(), strict=True):
+        figure = Figure(figsize=(5 * len(knob.costs), 3.8), layout="constrained")
+        panels = figure.subplots(1, len(knob.costs), squeeze=False)[0]
+        for axes, cost in zip(panels, knob.costs, strict=True):
             for number, one in enumerate(series):
                 _draw(axes, one, cost, f"C{number}")
-            axes.set_xlabel(label)
+            axes.set_xlabel(COSTS[cost])
             axes.set_xscale("log")
-            if knob.error and all(p.error(knob) > 0 for s in series for p in s.points):
-                axes.set_yscale("log")
+            _scale_errors(axes, [p.error(knob) for s in series for p in s.points])
             axes.grid(visible=True, which="both", color="0.92")
             axes.set_axisbelow(True)
             axes.margins(0.2)
             plain = FuncFormatter(lambda value, _: f"{value:g}")
             for axis, shape in (
-                (axes.xaxis, EngFormatter(sep="") if cost == "bytes" else plain),
+                (axes.xaxis, plain if cost == "seconds" else EngFormatter(sep="")),
                 (axes.yaxis, plain),
             ):
                 axis.set_major_formatter(shape)
@@ -71,9 +73,8 @@ def plot(series: Sequence[Series], file: IO[Any], form: str) -> None:
                     axis.set_minor_locator(LogLocator(subs=(2, 5)))
                     axis.set_minor_formatter(shape)
             axes.plot([], [], "o", color="black", markerfacecolor="none", label="default, circled")
-        left, right = figure.axes
-        left.set_ylabel(UNITS.get(knob.error, f"{knob.same} that differ"))
-        right.legend(fontsize=8)
+        panels[0].set_ylabel(UNITS.get(knob.error, f"{knob.same} that differ"))
+        panels[-1].legend(fontsize=8)
         figure.savefig(file, format=form)
 
 
@@ -87,33 +88,32 @@ def _svg(series: Sequence[Series]) -> str:
 def _draw(axes: Any, series: Series, cost: str, colour: str) -> None:
     knob = series.knob
     for point in series.points:
-        at = cost_of(point, cost), point.error(knob)
+        at = point.cost(cost), point.error(knob)
         filled = point in series.front(cost)
         axes.plot(*at, "o", color=colour, markerfacecolor=colour if filled else "white")
         if point.default:
             axes.plot(*at, "o", color="black", markersize=13, markerfacecolor="none")
         offset = {"xytext": (0, 9), "ha": "center", "textcoords": "offset points", "fontsize": 8}
-        axes.annotate(shown(knob.field, point.value), at, **offset)
-    front = [(cost_of(p, cost), p.error(knob)) for p in series.front(cost)]
+        axes.annotate(shown(knob, point.value), at, **offset)
+    front = [(p.cost(cost), p.error(knob)) for p in series.front(cost)]
     x, y = zip(*front, strict=True)
     axes.plot(x, y, color=colour, linewidth=1.2, label=f"{series.scene}: Pareto front")
     axes.plot([], [], "o", color=colour, markerfacecolor="white", label=f"{series.scene}: beaten")
 
 
+def _scale_errors(axes: Any, errors: Sequence[float]) -> None:
+    """Logarithmic, with a linear part below the least error where some are 0."""
+    some = [error for error in errors if error > 0]
+    if len(some) == len(errors):
+        axes.set_yscale("log")
+    elif some and max(some) > 10 * min(some):
+        axes.set_yscale("symlog", linthresh=min(some))
+
+
 def _table(series: Series) -> str:
-    knob = series.knob
-    head = "value", "CPU s", "fragments", "voxels", "bytes", UNITS.get(knob.error, "differing")
-    rows = [
-        (
-            shown(knob.field, p.value) + (" (default)" if p.default else ""),
-            f"{p.seconds:.3f}",
-            f"{p.counts.fragments:,}",
-            f"{p.counts.voxels:,}",
-            f"{p.counts.bytes:,}",
-            f"{p.error(knob):.4g}",
-        )
-        for p in series.points
-    ]
-    cells = ["".join(f"<td>{cell}</td>" for cell in row) for row in rows]
+    head, *rows = cells(series)
     titles = "".join(f"<th>{escape(title)}</th>" for title in head)
-    return f"<table><tr>{titles}</tr>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
+    body = "".join(
+        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows
+    )
+    return f"<table><tr>{titles}</tr>{body}</table>"

@@ -47,13 +47,17 @@ THREAD = 0.0015  # radius of a filament; voxels at 256 per axis are 0.0076
 # The room, low and high corners in 1/1024 of the grid: faces at multiples of 32 lie between voxels
 # at 32 voxels per axis and more; those at odd multiples of 1, 2, 4 and 8 go through the centres of
 # voxels at 512, 256, 128 and 64 per axis, and between voxels at more.
-HOUSE = ((0, 64, 256), (1024, 960, 768))
-HALL = ((32, 96, 288), (992, 928, 736))
+HOUSE = ((32, 64, 256), (992, 960, 768))
+HALL = ((64, 96, 288), (960, 928, 736))
 FURNITURE = (
     ((324, 130, 320), (356, 601, 704)),  # two walls
     ((392, 648, 330), (872, 680, 700)),
     ((448, 736, 328), (512, 800, 644)),  # a pillar
     ((640, 160, 449), (896, 352, 466)),  # a slab
+)
+LAMPS = (  # outside, at the scene's ends, which no grid has on a plane: the house need not have them
+    ((0, 480, 480), (16, 544, 544)),
+    ((1008, 480, 480), (1024, 544, 544)),
 )
 
 
@@ -153,14 +157,14 @@ def torus(resolution: int) -> Scene:
 
 
 def room(resolution: int) -> Scene:
-    """A house with a hall in it, walls, a pillar and a slab: boxes, every tie there is.
+    """A house with a hall in it, and in that walls, a pillar and a slab: boxes full of ties.
 
     The grid is 1025/1024 wide about the middle and so begins at -1/2048: where the voxels per axis
     are a power of two, all of it is exact in binary.
     """
-    boxes = np.array([HOUSE, HALL, *FURNITURE]) * (1025 / 2**20) - 2.0**-11
-    boxes = np.clip(boxes, 0, 1)  # the house's ends: what the grid is laid about
-    solid = np.array([1, -1, 1, 1, 1, 1])
+    boxes = np.array([HOUSE, HALL, *FURNITURE, *LAMPS]) * (1025 / 2**20) - 2.0**-11
+    boxes = np.clip(boxes, 0, 1)  # the lamps' ends
+    solid = np.array([1, -1, 1, 1, 1, 1, 1, 1])
     corners = np.where(BOX_CORNERS, boxes[:, 1:], boxes[:, :1])
     triangles = np.concatenate([8 * i + BOX_TRIANGLES[:, ::way] for i, way in enumerate(solid)])
     points = corners.reshape(-1, 3)

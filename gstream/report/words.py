@@ -3,11 +3,23 @@
 from itertools import pairwise
 from math import log2
 
-from gstream.report.accuracy import Point, Report, Series
 from gstream.report.knobs import UNITS, shown
+from gstream.report.results import Point, Report, Series
 
-HEAD = "| value | CPU s | fragments | voxels | bytes | error | fronts | "
-OTHERS = "distance rms / max | surface to voxel, max | normal mean / max, ° | area |"
+COSTS = {"seconds": "time", "bytes": "bytes", "faces": "faces"}
+ERRORS = {  # heads of the other errors' columns
+    "distance_rms": "distance, rms",
+    "distance_max": "distance, max",
+    "cover_max": "surface to voxel, max",
+    "normal_mean": "normal, mean °",
+    "normal_max": "normal, max °",
+    "area": "area, part",
+    "misclassified": "misclassified",
+    "leaks": "leaks",
+    "colour_mean": "colour, mean",
+    "colour_max": "colour, max",
+}
+COUNTS = ("triangles", "fragments", "voxels", "bytes", "faces")
 
 
 def price(series: Series) -> str:
@@ -16,49 +28,59 @@ def price(series: Series) -> str:
 
 
 def _lossless(series: Series) -> str:
-    knob = series.knob
+    knob, default = series.knob, series.default
     wrong = [p for p in series.points if p.differing]
     if wrong:
-        said = ", ".join(f"{p.differing:,} at {shown(knob.field, p.value)}" for p in wrong)
+        said = ", ".join(f"{p.differing:,} at {shown(knob, p.value)}" for p in wrong)
         return f"NOT LOSSLESS: {knob.same} that differ from the default's: {said}"
     fastest = min(series.points, key=lambda p: p.seconds)
-    smallest = min(series.points, key=lambda p: p.counts.bytes)
+    smallest = min(series.points, key=lambda p: p.cost("bytes"))
     said = f"lossless: error exactly 0, the {knob.same} are the same at all values"
-    if not _alike(fastest, series.default):
-        gain = fastest.seconds / series.default.seconds
-        said += f"; {shown(knob.field, fastest.value)} takes {gain:.2f} × the default's time"
-    if smallest.counts.bytes < series.default.counts.bytes:
-        gain = smallest.counts.bytes / series.default.counts.bytes
-        said += f"; {shown(knob.field, smallest.value)} takes {gain:.2f} × its bytes"
+    if not _alike(fastest, default):
+        gain = fastest.seconds / default.seconds
+        said += f"; {shown(knob, fastest.value)} takes {gain:.2f} × the default's time"
+    if smallest.cost("bytes") < default.cost("bytes"):
+        gain = smallest.cost("bytes") / default.cost("bytes")
+        said += f"; {shown(knob, smallest.value)} takes {gain:.2f} × its bytes"
     return said
 
 
 def _lossy(series: Series) -> str:
-    knob = series.knob
+    knob, default = series.knob, series.default
     errors = [p.error(knob) for p in series.points]
     falling = all(a > b > 0 for a, b in pairwise(errors))
     if falling and len(errors) > 2 and not isinstance(knob.values[0], str):
         first, last = series.points[0], series.points[-1]
         halvings = log2(errors[0] / errors[-1])
+        spent = _times(series, first, last, 1 / halvings)
+        ends = f"{shown(knob, first.value)} to {shown(knob, last.value)}"
+        return f"halving the error costs {spent} ({ends})"
+    best = min(series.points, key=lambda p: p.error(knob))
+    if best.error(knob) < default.error(knob):
         return (
-            f"halving the error costs {_times(first, last, 1 / halvings)} "
-            f"({shown(knob.field, first.value)} to {shown(knob.field, last.value)})"
+            f"from the default {shown(knob, default.value)} to the most accurate, "
+            f"{shown(knob, best.value)}: error {default.error(knob):.3g} to "
+            f"{best.error(knob):.3g}, for {_times(series, default, best, 1.0)}"
         )
-    default, best = series.default, min(series.points, key=lambda p: p.error(knob))
-    if best.error(knob) >= default.error(knob):
-        return "no value is more accurate than the default"
-    return (
-        f"from the default {shown(knob.field, default.value)} to the most accurate, "
-        f"{shown(knob.field, best.value)}: error {default.error(knob):.3g} to "
-        f"{best.error(knob):.3g}, for {_times(default, best, 1.0)}"
+    others = [p for p in series.points if not p.default]
+    closest = min(others, key=lambda p: p.error(knob))
+    cheapest = min(others, key=lambda p: p.cost(knob.costs[0]))
+    said = " and ".join(
+        f"{_times(series, p, default, 1.0)} of {shown(knob, p.value)}, whose error is "
+        f"{p.error(knob):.3g},"
+        for p in ([closest] if closest is cheapest else [closest, cheapest])
     )
+    return f"the default {shown(knob, default.value)} is the most accurate, for {said[:-1]}"
 
 
-def _times(start: Point, end: Point, power: float) -> str:
-    time = (end.seconds / start.seconds) ** power
-    size = (end.counts.bytes / start.counts.bytes) ** power
-    spent = "time within its spread" if _alike(start, end) else f"{time:.2g} × time"
-    return f"{spent} and {size:.2g} × bytes"
+def _times(series: Series, start: Point, end: Point, power: float) -> str:
+    said = []
+    for cost in series.knob.costs:
+        ratio = (end.cost(cost) / start.cost(cost)) ** power
+        spread = cost == "seconds" and _alike(start, end)
+        figure = f"{ratio:.2f}" if 0.5 < ratio < 2 else f"{ratio:.2g}"
+        said.append("time within its spread" if spread else f"{figure} × {COSTS[cost]}")
+    return " and ".join(said)
 
 
 def _alike(one: Point, other: Point) -> bool:
@@ -75,7 +97,7 @@ def markdown(report: Report) -> str:
         f"Each value has the median CPU seconds of its fresh processes ({report.plan.runs}), "
         "kernels loaded before. One knob is turned, all others stay at their defaults. Distances "
         f"are in voxels of the default resolution, {report.plan.resolution}; all files keep their "
-        "weights.",
+        "weights. Knobs without an option are other forms of one step, measured alone.",
         "",
         "| scene | triangles | the mesh's own distance from the surface, voxels |",
         "|---|---|---|",
@@ -84,26 +106,29 @@ def markdown(report: Report) -> str:
         f"| {s['name']} | {s['triangles']:,} | {s['floor_voxels']:.1g} |" for s in report.scenes
     ]
     for series in report.series:
-        lines += ["", f"## {series.knob.option}, {series.scene}", "", f"**{price(series)}**", ""]
-        lines += table(series)
+        lines += ["", f"## {series.knob.title}, {series.scene}", "", f"**{price(series)}**", ""]
+        rows = cells(series)
+        lines += [f"| {' | '.join(row)} |" for row in (rows[0], ["---"] * len(rows[0]), *rows[1:])]
     return "\n".join(lines) + "\n"
 
 
-def table(series: Series) -> list[str]:
-    """A series as a Markdown table; the default is marked."""
-    knob = series.knob
-    unit = UNITS[knob.error] if knob.error else f"{knob.same} that differ from the default's"
-    head = HEAD.replace("error", f"error: {unit}") + OTHERS
-    lines = [head, "|---" * (head.count("|") - 1) + "|"]
-    for p in series.points:
-        fronts = [cost for cost in ("seconds", "bytes") if p in series.front(cost)]
-        mark = " (default)" if p.default else ""
-        error = f"{p.error(knob):.4g}" if knob.error else f"{p.differing:,}"
-        e = p.errors
-        lines.append(
-            f"| {shown(knob.field, p.value)}{mark} | {p.seconds:.3f} | {p.counts.fragments:,} | "
-            f"{p.counts.voxels:,} | {p.counts.bytes:,} | {error} | {', '.join(fronts)} | "
-            f"{e.distance_rms:.3f} / {e.distance_max:.3f} | {e.cover_max:.3f} | "
-            f"{e.normal_mean:.3f} / {e.normal_max:.3f} | {100 * e.area:.3f} % |"
-        )
-    return lines
+def cells(series: Series) -> list[list[str]]:
+    """A series as a table, its head first: value, costs, error, fronts, all other errors."""
+    knob, default = series.knob, series.default
+    counts = [name for name in COUNTS if name in default.counts]
+    others = [name for name in ERRORS if name in default.errors and name != knob.error]
+    error = UNITS[knob.error] if knob.error else f"{knob.same} that differ from the default's"
+    timed = ["CPU s"] if "seconds" in knob.costs else []
+    head = ["value", *timed, *counts, f"error: {error}", "fronts", *(ERRORS[o] for o in others)]
+    rows = [
+        [
+            shown(knob, p.value) + (" (default)" if p.default else ""),
+            *([f"{p.seconds:.4g}"] if timed else []),
+            *(f"{p.counts[name]:,}" for name in counts),
+            f"{p.error(knob):.4g}" if knob.error else f"{p.differing:,}",
+            ", ".join(series.fronts(p)),
+            *(f"{p.errors[name]:.4g}" for name in others),
+        ]
+        for p in series.points
+    ]
+    return [head, *rows]

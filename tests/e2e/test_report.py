@@ -2,7 +2,9 @@
 
 import json
 
-from e2e.program import succeed
+import numpy as np
+from e2e.meshes import write_ply
+from e2e.program import fail, succeed
 
 
 def test_a_small_report_is_written_and_finer_normals_are_better(tmp_path):
@@ -19,3 +21,32 @@ def test_a_small_report_is_written_and_finer_normals_are_better(tmp_path):
     assert all(point["differing"] == 0 for point in cell["points"])
     assert cell["price"].startswith("lossless: error exactly 0")
     assert all(point["errors"]["distance_max"] < 0.87 for point in bits["points"])
+
+
+def test_a_user_s_own_mesh_is_its_own_true_surface(tmp_path):
+    corners = np.array([[0, 0, 0], [9, 1, 2], [2, 8, 1], [1, 3, 7]], float)
+    write_ply(tmp_path / "own.ply", corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    succeed(
+        tmp_path, "report", "accuracy", "own.ply", "-o", "out", "--knob", "lz4", "--knob",
+        "face-threshold", "--runs", "1", "--quiet",
+    )  # fmt: skip
+    held = json.loads((tmp_path / "out" / "report.json").read_text())
+    faces, lz4 = held["series"]
+    assert {one["scene"] for one in held["series"]} == {"own.ply"}
+    for point in lz4["points"]:
+        errors = point["errors"]
+        assert (point["differing"], errors["leaks"]) == (0, 0)
+        assert (
+            errors["misclassified"] < 1e-3 * point["counts"]["voxels"]
+        )  # those that snapping moves
+        assert errors["distance_max"] < 0.87
+        assert errors["normal_mean"] < 2.0  # at edges a voxel has the mean of two faces
+    assert faces["points"][0]["errors"]["faces_missing"] < 0.01
+    assert not faces["option"]
+
+
+def test_a_file_that_is_no_mesh_leaves_no_report(tmp_path):
+    (tmp_path / "notes.ply").write_text("to do: buy milk\n")
+    line = fail(tmp_path, 4, "report", "accuracy", "notes.ply", "-o", "out", "--quiet")
+    assert "notes.ply" in line
+    assert not list((tmp_path / "out").iterdir())

@@ -3,7 +3,7 @@
 import pytest
 
 from gstream.report import page
-from gstream.report.accuracy import Plan, Report
+from gstream.report.results import Plan, Report
 from unit.test_report_words import CELL, KNOBS, SEP
 
 REPORT = Report(Plan(("sphere",), 128, (KNOBS["sep"], KNOBS["cell"]), 1), (), (SEP, CELL))

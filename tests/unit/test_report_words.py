@@ -6,42 +6,34 @@ from dataclasses import replace
 import pytest
 
 from gstream.errors import UsageError
-from gstream.report.accuracy import Counts, Plan, Point, Report, Series, as_dict, plan_of
+from gstream.report.accuracy import plan_of
 from gstream.report.knobs import knobs
-from gstream.report.metrics import Errors
+from gstream.report.results import Plan, Point, Report, Series, as_dict
 from gstream.report.words import markdown, price
 from gstream_cli import main
 
 KNOBS = {knob.name: knob for knob in knobs(128)}
 
 
-def series(name, default, rows):
+def series(name, rows):
     """rows : (value, seconds, bytes, error)."""
     knob = KNOBS[name]
     points = []
     for value, seconds, size, error in rows:
-        errors = dict.fromkeys(Errors.__slots__, 0.0)
-        if knob.error:
-            errors[knob.error] = error
-        counts = Counts(10, 20, 30, size, "")
-        differing = None if knob.error else error
-        points.append(
-            Point(
-                value, value == default, seconds, (seconds,), 0, counts, Errors(**errors), differing
-            )
-        )
+        errors, differing = ({knob.error: error}, None) if knob.error else ({}, error)
+        counts = {"fragments": 20, "voxels": 30, "bytes": size, "digest": ""}
+        points.append(Point(value, value == knob.default, (seconds,), 0, counts, errors, differing))
     return Series("sphere", knob, tuple(points))
 
 
-RESOLUTION = series(
-    "resolution", 128, [(32, 1.0, 100, 4.0), (64, 4.0, 300, 2.0), (128, 16.0, 900, 1.0)]
+RESOLUTION = series("resolution", [(32, 1.0, 100, 4.0), (64, 4.0, 300, 2.0), (128, 16.0, 900, 1.0)])
+SEP = series("sep", [("6", 1.0, 100, 0.15), ("26", 1.5, 150, 0.2), ("conservative", 2.0, 180, 0.0)])
+CELL = series("cell", [(64, 2.0, 100, 0), (256, 1.0, 100, 0)])
+EXACT = series(
+    "classification", [("float32", 1.2, 0, 9), ("float64", 1.0, 0, 2), ("exact", 1.05, 0, 0)]
 )
-SEP = series(
-    "sep", "6", [("6", 1.0, 100, 0.15), ("26", 1.5, 150, 0.2), ("conservative", 2.0, 180, 0.0)]
-)
-CELL = series("cell", 256, [(64, 2.0, 100, 0), (256, 1.0, 100, 0)])
-LZ4 = series("lz4", "fast", [("fast", 1.0, 100, 0), ("hc", 3.0, 90, 0)])
-BROKEN = series("block", 64, [(32, 2.0, 100, 7), (64, 1.0, 100, 0)])
+LZ4 = series("lz4", [("fast", 1.0, 100, 0), ("hc", 3.0, 90, 0)])
+BROKEN = series("block", [(32, 2.0, 100, 7), (64, 1.0, 100, 0)])
 
 
 @pytest.mark.parametrize(
@@ -51,7 +43,11 @@ BROKEN = series("block", 64, [(32, 2.0, 100, 7), (64, 1.0, 100, 0)])
         (
             SEP,
             "from the default 6 to the most accurate, conservative: error 0.15 to 0, "
-            "for 2 × time and 1.8 × bytes",
+            "for 2 × time and 1.80 × bytes",
+        ),
+        (
+            EXACT,
+            "the default exact is the most accurate, for 1.05 × time of float64, whose error is 2",
         ),
         (CELL, "lossless: error exactly 0, the bytes are the same at all values"),
         (
@@ -70,7 +66,7 @@ def test_the_price_in_words(of, said):
 def test_a_ratio_of_times_that_overlap_is_not_told():
     points = [replace(p, all_seconds=(0.9, p.seconds, 3.0)) for p in SEP.points]
     said = price(replace(SEP, points=tuple(points)))
-    assert said.endswith("error 0.15 to 0, for time within its spread and 1.8 × bytes")
+    assert said.endswith("error 0.15 to 0, for time within its spread and 1.80 × bytes")
 
 
 def test_the_front_leaves_out_what_another_point_beats_in_both():
@@ -85,7 +81,7 @@ def test_the_report_has_every_point_and_is_json():
     assert [len(s["points"]) for s in held["series"]] == [3, 2]
     assert held["series"][0]["points"][1]["fronts"] == []
     text = markdown(report)
-    assert "| 6 (default) | 1.000 | 20 | 30 | 100 | 0.15 | seconds, bytes |" in text
+    assert "| 6 (default) | 1 | 20 | 30 | 100 | 0.15 | seconds, bytes |" in text
     assert f"**{price(CELL)}**" in text
 
 
@@ -99,7 +95,7 @@ def test_the_report_has_every_point_and_is_json():
 )
 def test_what_there_is_not_is_refused(scenes, names, runs, said):
     with pytest.raises(UsageError, match=said):
-        plan_of(scenes, names, runs)
+        plan_of(scenes, None, names, runs)
 
 
 def test_an_unknown_knob_exits_with_2_and_writes_nothing(tmp_path, capsys):
