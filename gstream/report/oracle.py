@@ -62,7 +62,7 @@ def exact_voxels(corners: Floats, sep: str, low: Vector, high: Vector) -> Ints:
 
 
 def distinct(keys: Ints) -> Ints:
-    """(n,) numbers sorted, each once: as numpy.unique, which hashes first and took ten times that."""
+    """(n,) numbers sorted, each once: numpy.unique hashes them, and takes ten times as long."""
     keys = np.sort(keys)
     first = np.ones(len(keys), np.bool_)
     first[1:] = keys[1:] != keys[:-1]

@@ -55,7 +55,7 @@ FURNITURE = (
     ((448, 736, 328), (512, 800, 644)),  # a pillar
     ((640, 160, 449), (896, 352, 466)),  # a slab
 )
-LAMPS = (  # outside, at the scene's ends, which no grid has on a plane: the house need not have them
+LAMPS = (  # outside, at the scene's ends: those lie on no plane of a grid, the house's faces do
     ((0, 480, 480), (16, 544, 544)),
     ((1008, 480, 480), (1024, 544, 544)),
 )

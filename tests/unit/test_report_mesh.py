@@ -128,7 +128,7 @@ def stream_of(scene, folder):
 def test_a_stream_s_scene_has_its_triangles(tmp_path):
     room = SCENES["room"](64)
     scene = scene_of_stream("mine", stream_of(room, tmp_path))
-    assert (scene.name, scene.closed, len(scene.triangles)) == ("mine", True, 72)
+    assert (scene.name, scene.closed, len(scene.triangles)) == ("mine", True, 96)
     assert scene.area == pytest.approx(room.area, rel=1e-12)
     corners = (s.points[s.triangles].reshape(-1, 9) for s in (scene, room))
     np.testing.assert_array_equal(*(np.unique(part, axis=0) for part in corners))
@@ -136,8 +136,8 @@ def test_a_stream_s_scene_has_its_triangles(tmp_path):
 
 def test_a_stream_with_too_many_triangles_is_refused(tmp_path, monkeypatch):
     path = stream_of(SCENES["room"](64), tmp_path)
-    monkeypatch.setattr(mesh, "MAX_TRIANGLES", 71)
-    with pytest.raises(UsageError, match=r"72 triangles, .* at most 71; give a part of the mesh"):
+    monkeypatch.setattr(mesh, "MAX_TRIANGLES", 95)
+    with pytest.raises(UsageError, match=r"96 triangles, .* at most 95; give a part of the mesh"):
         scene_of_stream("mine", path)
 
 
