@@ -57,10 +57,10 @@ def widened(grid: Bools) -> Bools:
     return grid
 
 
-@pytest.mark.parametrize("part", [14, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("part", [7, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("ties", oracle.TIES)
 def test_millions_of_voxels_are_set_as_the_oracle_sets_them(ties, part):
-    """0 mismatches; the quick part takes one triangle in 14."""
+    """0 mismatches; the quick part takes one triangle in 7: 1,044,480 voxels."""
     tests: Counter[str] = Counter()
     met = near = 0
     for kind in scenes.KINDS:
