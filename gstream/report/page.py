@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from html import escape
 from importlib.util import find_spec
 from io import StringIO
+from textwrap import wrap
 from typing import IO, Any
 
 from gstream.report.knobs import UNITS, shown
@@ -43,7 +44,8 @@ def html(report: Report) -> str:
 def plot(series: Sequence[Series], file: IO[Any], form: str) -> None:
     """Draw one knob: its error over each of its costs, a colour for each scene.
 
-    The Pareto front is joined by a line, its points filled; the default is circled.
+    The Pareto front is joined by a line, its points filled; the default is circled. A faint bar
+    spans the seconds of all processes.
     form : what matplotlib can write: svg, png
     """
     from matplotlib import rc_context
@@ -73,7 +75,8 @@ def plot(series: Sequence[Series], file: IO[Any], form: str) -> None:
                     axis.set_minor_locator(LogLocator(subs=(2, 5)))
                     axis.set_minor_formatter(shape)
             axes.plot([], [], "o", color="black", markerfacecolor="none", label="default, circled")
-        panels[0].set_ylabel(UNITS.get(knob.error, f"{knob.same} that differ"))
+        said = UNITS.get(knob.error, f"{knob.same} that differ")
+        panels[0].set_ylabel("\n".join(wrap(said, 44)))
         panels[-1].legend(fontsize=8)
         figure.savefig(file, format=form)
 
@@ -87,14 +90,17 @@ def _svg(series: Sequence[Series]) -> str:
 
 def _draw(axes: Any, series: Series, cost: str, colour: str) -> None:
     knob = series.knob
-    for point in series.points:
+    for number, point in enumerate(series.points):
         at = point.cost(cost), point.error(knob)
         filled = point in series.front(cost)
+        if cost == "seconds":
+            spread = min(point.all_seconds), max(point.all_seconds)
+            axes.plot(spread, (at[1], at[1]), color=colour, alpha=0.3, linewidth=4)
         axes.plot(*at, "o", color=colour, markerfacecolor=colour if filled else "white")
         if point.default:
             axes.plot(*at, "o", color="black", markersize=13, markerfacecolor="none")
-        offset = {"xytext": (0, 9), "ha": "center", "textcoords": "offset points", "fontsize": 8}
-        axes.annotate(shown(knob, point.value), at, **offset)
+        offset = {"xytext": (0, -17 if number % 2 else 9), "textcoords": "offset points"}
+        axes.annotate(shown(knob, point.value), at, ha="center", fontsize=8, **offset)
     front = [(p.cost(cost), p.error(knob)) for p in series.front(cost)]
     x, y = zip(*front, strict=True)
     axes.plot(x, y, color=colour, linewidth=1.2, label=f"{series.scene}: Pareto front")

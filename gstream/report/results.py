@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
+from statistics import median
 from typing import Any
 
 from gstream.report.knobs import Knob
@@ -34,9 +35,7 @@ class Point:
     @property
     def seconds(self) -> float:
         """The median."""
-        ordered = sorted(self.all_seconds)
-        middle = len(ordered) // 2
-        return (ordered[middle] + ordered[-1 - middle]) / 2
+        return median(self.all_seconds)
 
     def error(self, knob: Knob) -> float:
         """What the knob is judged by."""

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 from math import log2
+from statistics import median
 
 from gstream.report.knobs import UNITS, shown
 from gstream.report.results import Point, Report, Series
@@ -36,8 +37,8 @@ def _lossless(series: Series) -> str:
     fastest = min(series.points, key=lambda p: p.seconds)
     smallest = min(series.points, key=lambda p: p.cost("bytes"))
     said = f"lossless: error exactly 0, the {knob.same} are the same at all values"
-    if not _alike(fastest, default):
-        gain = fastest.seconds / default.seconds
+    gain = _time_ratio(default, fastest)
+    if gain is not None:
         said += f"; {shown(knob, fastest.value)} takes {gain:.2f} × the default's time"
     if smallest.cost("bytes") < default.cost("bytes"):
         gain = smallest.cost("bytes") / default.cost("bytes")
@@ -76,17 +77,24 @@ def _lossy(series: Series) -> str:
 def _times(series: Series, start: Point, end: Point, power: float) -> str:
     said = []
     for cost in series.knob.costs:
-        ratio = (end.cost(cost) / start.cost(cost)) ** power
-        spread = cost == "seconds" and _alike(start, end)
-        figure = f"{ratio:.2f}" if 0.5 < ratio < 2 else f"{ratio:.2g}"
-        said.append("time within its spread" if spread else f"{figure} × {COSTS[cost]}")
+        timed = cost == "seconds"
+        ratio = _time_ratio(start, end) if timed else end.cost(cost) / start.cost(cost)
+        if ratio is None:
+            said.append("time within its spread")
+        else:
+            scaled = ratio**power
+            figure = f"{scaled:.2f}" if 0.5 < scaled < 2 else f"{scaled:.2g}"
+            said.append(f"{figure} × {COSTS[cost]}")
     return " and ".join(said)
 
 
-def _alike(one: Point, other: Point) -> bool:
-    """Their runs' seconds overlap: the medians' ratio would be noise."""
-    first, second = one.all_seconds, other.all_seconds
-    return min(first) <= max(second) and min(second) <= max(first)
+def _time_ratio(start: Point, end: Point) -> float | None:
+    """The median ratio of seconds measured in one turn; None where turns disagree on its side.
+
+    A turn's processes run next to each other, so that a machine that slows down slows both.
+    """
+    ratios = [b / a for a, b in zip(start.all_seconds, end.all_seconds, strict=False)]
+    return None if min(ratios) <= 1 <= max(ratios) else median(ratios)
 
 
 def markdown(report: Report) -> str:

@@ -63,10 +63,17 @@ def test_the_price_in_words(of, said):
     assert price(of) == said
 
 
-def test_a_ratio_of_times_that_overlap_is_not_told():
-    points = [replace(p, all_seconds=(0.9, p.seconds, 3.0)) for p in SEP.points]
+def test_a_ratio_of_times_on_whose_side_turns_disagree_is_not_told():
+    seconds = {"6": (1.0, 2.0, 9.0), "26": (1.0, 2.0, 3.0), "conservative": (0.9, 2.2, 9.9)}
+    points = [replace(p, all_seconds=seconds[p.value]) for p in SEP.points]
     said = price(replace(SEP, points=tuple(points)))
     assert said.endswith("error 0.15 to 0, for time within its spread and 1.80 × bytes")
+
+
+def test_a_machine_that_slows_down_between_turns_changes_no_ratio():
+    slow = {"float32": (1.0, 9.0, 5.0), "float64": (1.0, 10.0, 5.0), "exact": (1.02, 10.2, 5.1)}
+    points = [replace(p, all_seconds=slow[p.value]) for p in EXACT.points]
+    assert "1.02 × time of float64" in price(replace(EXACT, points=tuple(points)))
 
 
 def test_the_front_leaves_out_what_another_point_beats_in_both():
