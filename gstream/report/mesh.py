@@ -63,7 +63,6 @@ def scene_of_mesh(name: str, points: Floats, triangles: Ints) -> Scene:
 
 def _welded(points: Floats) -> tuple[Floats, Ints]:
     """Each position once, and the number that each of (n, 3) points then has."""
-    points = points + 0.0  # -0.0 is 0.0
     order = np.lexsort(points.T)
     ordered = points[order]
     new = _unlike_before(ordered)

@@ -153,10 +153,23 @@ def test_a_hole_in_a_box_leaks_at_each_pair_across_it():
         assert leaks(holed, scene, UNIT, (8, 8, 8), sep) == expected
 
 
+def tetrahedron():
+    """Every other corner of a cube: the edges go through centres."""
+    points = np.array([(1.5, 1.5, 1.5), (8.5, 8.5, 1.5), (8.5, 1.5, 8.5), (1.5, 8.5, 8.5)])
+    faces = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)])
+    return scene_of_mesh("tetrahedron", points, faces)
+
+
+TIED = [
+    octahedron((5, 5, 5), 4),
+    octahedron((5, 5.5, 5), 3.5),
+    box((2, 3, 1), (7.5, 7, 9)),
+    tetrahedron(),
+]
+
+
 @pytest.mark.parametrize("sep", SEPARATIONS)
-@pytest.mark.parametrize(
-    "scene", [octahedron((5, 5, 5), 4), octahedron((5, 5.5, 5), 3.5), box((2, 3, 1), (7.5, 7, 9))]
-)
+@pytest.mark.parametrize("scene", TIED, ids=["octahedron", "another", "box", "tetrahedron"])
 def test_leaks_of_half_a_surface_on_ties_are_those_of_all_pairs(scene, sep):
     exact = exact_voxels(corners_of(scene, UNIT), sep, (0, 0, 0), (10, 10, 10))
     assert leaks(exact, scene, UNIT, (10, 10, 10), sep) == 0

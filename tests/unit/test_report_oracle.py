@@ -41,22 +41,27 @@ def test_a_box_on_lattice_and_half_planes_has_the_rational_oracle_s_voxels(corne
     assert_equal_sets(scenes.box(corner, (10, 12, 13)), 1)
 
 
-@pytest.mark.parametrize("bits", [24, 36])
+@pytest.mark.parametrize("bits", [17, 19, 21, 24, 36])
 def test_ties_missed_by_a_last_bit_are_decided_as_in_rationals(bits):
-    # 3 * 36 bits: a normal's products are far beyond float64's 53 and int64's 63
+    # a normal's products, of three times as many bits, are about and far beyond int64's 63
     random = Random(bits)
-    soup = scenes.soup("coplanar", 2, 6, 2, LOW, 8) << (bits - 2)
-    soup = np.concatenate([soup, scenes.soup("lattice", 3, 6, 2, LOW, 8) << (bits - 2)])
-    off = [random.choice([-1, 0, 0, 1]) for _ in range(soup.size)]
+    kinds = ("coplanar", "lattice", "tie plane")
+    soup = np.concatenate([scenes.soup(kind, 2, 6, 2, LOW, 8) for kind in kinds]) << (bits - 2)
+    off = [random.choice([-1, 0, 0, 0, 1]) for _ in range(soup.size)]
     assert_equal_sets(soup + np.array(off).reshape(soup.shape), bits)
 
 
 @pytest.mark.parametrize("sep", SEPARATIONS)
-def test_float64_and_integers_decide_alike(sep, monkeypatch):
-    corners = np.random.default_rng(7).uniform(-1, 9, (30, 3, 3))
-    found = by_report(corners, sep)
-    monkeypatch.setattr(oracle, "ERROR", 1e3)  # above every value: float64 decides nothing
-    assert by_report(corners, sep) == found
+def test_float64_decides_nothing_that_integers_decide_otherwise(sep, monkeypatch):
+    random = np.random.default_rng(7)
+    kinds = ("generic", "lattice", "tie plane", "edge on a diagonal", "needle")
+    soup = np.concatenate([scenes.soup(kind, 5, 30, 2, LOW, 8) / 4 for kind in kinds])
+    for way in (-np.inf, np.inf):  # a third goes down by a last bit, a third up
+        soup = np.where(random.random(soup.shape) < 1 / 3, np.nextafter(soup, way), soup)
+    soup[np.abs(soup) < 2.0**-200] = 0.0
+    found = [by_report(soup[i : i + 1], sep) for i in range(len(soup))]
+    monkeypatch.setattr(oracle, "ERROR", 1e9)  # above every value: integers decide all
+    assert [by_report(soup[i : i + 1], sep) for i in range(len(soup))] == found
 
 
 @pytest.mark.parametrize("sep", SEPARATIONS)
