@@ -1,6 +1,6 @@
 """208 random meshes through the whole program: what must not change the file changes no byte.
 
-24 of them in the quick part. Each mesh has a few triangles of every other kind of scenes.py, some
+12 of them in the quick part. Each mesh has a few triangles of every other kind of scenes.py, some
 that share corners, and settings by chance.
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import gstream
 
-QUICK, ALL = 24, 208
+QUICK, ALL = 12, 208
 EVERY_SEED = [
     pytest.param(seed, marks=pytest.mark.long) if seed >= QUICK else seed for seed in range(ALL)
 ]
@@ -102,7 +102,7 @@ def test_order_corners_chunks_cells_and_workers_change_no_byte(tmp_path, seed):
     assert build(turned(mesh, rng), tmp_path).read_bytes() == wanted
     assert build(mesh, tmp_path, ingest=chunks).read_bytes() == wanted
     assert build(mesh, tmp_path, cell=random.choice([8, 16, 32])).read_bytes() == wanted
-    if seed % QUICK == 0:  # processes take seconds to start
+    if seed % 26 == 0:  # processes take seconds to start
         assert build(mesh, tmp_path, workers=2, cell=8).read_bytes() == wanted
 
 

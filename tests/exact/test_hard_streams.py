@@ -308,6 +308,7 @@ class Holes:
             self.file.write(data)
 
 
+@pytest.mark.long
 def test_a_block_file_counts_voxels_and_places_payloads_beyond_32_bits(tmp_path):
     """H-GS-8. 260 blocks of 256^3 voxels of a byte: 2^32 + 2^26 of both, in a sparse file."""
     specs, many, size = column_specs(11), 260, 1 << 24
