@@ -7,15 +7,18 @@ from gstream.errors import InputError, UsageError
 from gstream.formats.framing import BLOCK_MAGIC, STREAM_MAGIC
 from gstream.formats.stream import StreamReader
 from gstream.read import open_block_file
+from gstream.source import is_url
 
 LEDGER = ("read", "non_finite", "degenerate")  # of a stream, in the order they are shown
 
 
 def kind_of(path: str) -> str:
-    """`block file` or `geometry stream`, by the magic.
+    """`block file` or `geometry stream`, by the magic; behind a URL, a block file.
 
     errors : UsageError for a path that cannot be read, InputError for another file
     """
+    if is_url(path):
+        return "block file"
     try:
         with open(path, "rb") as file:
             magic = file.read(len(BLOCK_MAGIC))

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from gstream.errors import CorruptFileError
-from gstream.run.commands import RunOptions, check_paths
+from gstream.run.commands import check_reading
 
 from . import options
 from .facts import facts
@@ -27,6 +27,7 @@ def info(path: str, as_json: bool) -> None:
     \b
     gstream info scan.gsb
     gstream info scan.gst --json
+    gstream info https://example.org/scan.gsb
     """
     held = facts(path)
     if as_json:
@@ -113,7 +114,7 @@ def preview(
     """
     from gstream.preview import render
 
-    check_paths((path,), output, RunOptions(force=force))
+    check_reading(path, output, force)
     drawn = render(path, output, size, view, level, up=up)
     if not quiet:
         click.echo(

@@ -23,7 +23,8 @@ from gstream.formats.directory import (
 )
 from gstream.formats.findings import ERROR, Finding
 from gstream.formats.pages import rank
-from gstream.read import BlockFile, Source, open_block_file
+from gstream.read import BlockFile, open_block_file
+from gstream.source import Source
 
 PIECE: Final = 1 << 20  # bytes read at once of a section that is only summed up
 LEDGER_PARTS: Final = ("non_finite", "outside", "assigned", "unassigned")

@@ -17,6 +17,7 @@ from gstream.errors import CorruptFileError, UsageError
 from gstream.formats import stream_check
 from gstream.formats.findings import ERROR, NOTE, Finding
 from gstream.formats.framing import BLOCK_MAGIC, STREAM_MAGIC
+from gstream.source import is_url
 
 Progress = Callable[[int, int], None]
 
@@ -155,7 +156,7 @@ class Report:
 def check_file(
     path: str | os.PathLike[str], quick: bool = False, progress: Progress | None = None
 ) -> Report:
-    """Check a block file or a geometry stream, whichever the magic says.
+    """Check a block file or a geometry stream, whichever the magic says; of URLs, block files.
 
     quick : structure and indexes only, no payloads
     progress : called with (done, all), in blocks
@@ -163,11 +164,7 @@ def check_file(
              UnsupportedError for a newer version. A broken rule is a finding, not an error.
     """
     name = os.fspath(path)
-    try:
-        with open(name, "rb") as file:
-            magic = file.read(len(BLOCK_MAGIC))
-    except OSError as error:
-        raise UsageError(f"{name}: {error.strerror}", "give a .gsb or .gst file") from error
+    magic = BLOCK_MAGIC if is_url(name) else _magic(name)
     if magic == STREAM_MAGIC:
         report = Report(name, "geometry stream", quick)
         findings: Iterator[Finding] = map(broken, stream_check.iter_findings(name, quick))
@@ -182,3 +179,11 @@ def check_file(
     except CorruptFileError as error:
         report.add(broken(error))
     return report
+
+
+def _magic(path: str) -> bytes:
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(BLOCK_MAGIC))
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror}", "give a .gsb or .gst file") from error

@@ -1,4 +1,4 @@
-"""Reading a block file: blocks by level, place or world box, from a path, memory or a range reader.
+"""Reading a block file: blocks by level, place or world box, from a path, URL, memory or callable.
 
     with open_block_file("bunny.gsb") as scene:
         for block in scene.blocks(level=0):
@@ -8,27 +8,25 @@ Only the bytes asked for are read, and every byte is checked before it is truste
 spec/blockfile.md.
 """
 
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.errors import CorruptFileError, UnsupportedError, UsageError
+from gstream.errors import CorruptFileError, StoppedError, UnsupportedError, UsageError
 from gstream.formats import filters as plain
 from gstream.formats.blockhead import BlockFileHeader, Head, parse_head
 from gstream.formats.columns import COLUMN_IDS, ColumnSpec, decode_column
-from gstream.formats.directory import MAX_HEAD_BYTES, STATE_DATA
+from gstream.formats.directory import MAX_HEAD_BYTES, STATE_DATA, stacked
 from gstream.formats.filters import Filters
 from gstream.formats.framing import crc32
 from gstream.formats.lodrule import decode_normals
 from gstream.formats.morton import decode_morton, encode_morton
 from gstream.formats.pages import Directory
+from gstream.source import Ranges, Source, open_ranges
 
-ReadAt = Callable[[int, int], bytes]  # (offset, length) -> bytes, fewer only at the file's end
-Source = str | os.PathLike[str] | bytes | ReadAt
 Place = Sequence[int]
 Box = tuple[NDArray[np.float64], NDArray[np.float64]]
 U8 = NDArray[np.uint8]
@@ -36,46 +34,25 @@ U16 = NDArray[np.uint16]
 U32 = NDArray[np.uint32]
 
 CORNERS: Final = np.indices((2, 2, 2)).reshape(3, 8).T
+RUN_BYTES: Final = 16 << 20  # the longest run that is read for a part of it
+IDENTITY: Final = (32, 24)  # where the head has file_bytes and content_id: offset, length
 
 
 def open_block_file(source: Source, *, filters: Filters = plain, name: str = "") -> "BlockFile":
     """Open a block file; use as a context manager, or close it.
 
-    source : path, the file's bytes, or a callable (offset, length) -> bytes
+    source : path, URL, the file's bytes, or a callable (offset, length) -> bytes
     filters : formats.filters (NumPy), or kernels.filters (compiled, several times faster)
     name : for messages, where the source is no path
-    errors : UsageError for a path that cannot be read; CorruptFileError; UnsupportedError
+    errors : UsageError for what cannot be read; CorruptFileError; UnsupportedError;
+        of a URL also, whenever it is read, StoppedError for a network that fails and another file
     """
-    if isinstance(source, bytes):
-        data = source
-        return BlockFile(lambda at, n: data[at : at + n], name or "memory", filters, len(data))
-    if not isinstance(source, str | os.PathLike):
-        return BlockFile(source, name or "remote file", filters)
+    ranges = open_ranges(source, name)
     try:
-        descriptor = os.open(source, os.O_RDONLY)
-    except OSError as error:
-        raise UsageError(f"{source}: {error.strerror}", "give a block file") from error
-    try:
-        size = os.fstat(descriptor).st_size
-        name = name or os.fspath(source)
-        return BlockFile(_from_descriptor(descriptor), name, filters, size, descriptor)
+        return BlockFile(ranges, filters)
     except BaseException:
-        os.close(descriptor)
+        ranges.close()
         raise
-
-
-def _from_descriptor(descriptor: int) -> ReadAt:
-    def read_at(offset: int, length: int) -> bytes:
-        parts = []
-        while length > 0:
-            part = os.pread(descriptor, length, offset)
-            if not part:
-                break
-            parts.append(part)
-            offset, length = offset + len(part), length - len(part)
-        return parts[0] if len(parts) == 1 else b"".join(parts)
-
-    return read_at
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,26 +67,16 @@ class Voxels:
 class BlockFile:
     """An open block file. Not for use from several threads at once."""
 
-    def __init__(
-        self,
-        read_at: ReadAt,
-        path: str,
-        filters: Filters = plain,
-        size: int | None = None,
-        descriptor: int | None = None,
-    ) -> None:
-        self.path, self.filters = path, filters
-        self._source, self._descriptor = read_at, descriptor
-        beginning = bytes(read_at(0, MAX_HEAD_BYTES))
-        self.head: Head = parse_head(beginning, path)
-        self._opening = beginning[
-            self.head.head_bytes :
-        ]  # what is behind the head is not read twice
+    def __init__(self, ranges: Ranges, filters: Filters = plain) -> None:
+        self.path, self.filters = ranges.name, filters
+        self._ranges = ranges
+        self.head: Head = parse_head(ranges.begin(MAX_HEAD_BYTES), self.path)
+        size = ranges.size()
         if size is not None and size != self.head.file_bytes:
             said = f"the file has {size} bytes, not {self.head.file_bytes}: truncated"
-            raise CorruptFileError("GSB-0102", path, min(size, self.head.file_bytes), said)
+            raise CorruptFileError("GSB-0102", self.path, min(size, self.head.file_bytes), said)
         self.specs: dict[str, ColumnSpec] = {c.name: c for c in self.head.columns}
-        self.directory = Directory(self.head, self.read_range, path)
+        self.directory = Directory(self.head, self.read_range, self.path, self.refuse_changed)
 
     def __enter__(self) -> Self:
         return self
@@ -118,11 +85,8 @@ class BlockFile:
         self.close()
 
     def close(self) -> None:
-        """Close the file that open_block_file opened; a second call does nothing."""
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
-            self._source, self._opening = _closed, b""
+        """Close what open_block_file opened; a second call does nothing."""
+        self._ranges.close()
 
     @property
     def header(self) -> BlockFileHeader:
@@ -172,19 +136,43 @@ class BlockFile:
 
     def read_range(self, offset: int, length: int) -> bytes:
         """Exactly `length` bytes; a shorter read means a truncated file (GSB-0102)."""
-        inside = offset - self.head.head_bytes
-        if inside >= 0 and length <= len(self._opening) - inside:
-            return self._opening[inside : inside + length]
-        data = bytes(self._source(offset, length)) if length else b""
-        if len(data) != length:
-            said = f"wanted {length} bytes and got {len(data)}: truncated"
-            raise CorruptFileError("GSB-0102", self.path, offset, said)
-        return data
+        if self._ranges.distant and offset + length <= self.head.head_bytes + self._opening_bytes:
+            self.load_opening()
+        return self._ranges.read(offset, length)
+
+    @property
+    def _opening_bytes(self) -> int:
+        """Length of the opening run; 0 where it is too long to be read for a part of it."""
+        return self.head.opening_bytes if self.head.opening_bytes <= RUN_BYTES else 0
 
     def load_opening(self) -> None:
         """Read the run of the coarsest levels, in one request or none; later reads use it."""
-        if len(self._opening) < self.head.opening_bytes:
-            self._opening = self.read_range(self.head.head_bytes, self.head.opening_bytes)
+        self._ranges.keep(self.head.head_bytes, self.head.opening_bytes)
+
+    def read_payload(self, entry: Any, offset: int, length: int) -> bytes:
+        """Stored bytes of a block's column; from afar, with all columns of the block's siblings."""
+        if self._ranges.distant and length and not self._ranges.holds(offset, length):
+            self._load_siblings(entry)
+        return self.read_range(offset, length)
+
+    def _load_siblings(self, entry: Any) -> None:
+        first = int(entry["key"]) & ~7
+        rows = self.directory.between(int(entry["level"]), first, first + 7)
+        stored = stacked(rows, self.head.columns, "stored")
+        there = stored > 0
+        offsets = stacked(rows, self.head.columns, "offset")[there]
+        begin, length = int(offsets.min()), int(stored.sum(dtype=np.int64))
+        # Siblings lie side by side (GSB-0312); where they do not, columns are read one by one.
+        if length <= RUN_BYTES and int((offsets + stored[there]).max()) == begin + length:
+            self._ranges.keep(begin, length)
+
+    def refuse_changed(self) -> None:
+        """Read the head's identity again, where a CRC fails: StoppedError if it is another one."""
+        offset, length = IDENTITY
+        stated = self.head.file_bytes.to_bytes(8, "little") + self.head.content_id
+        if self._ranges.read_at(offset, length) != stated:
+            said = f"{self.path}: is no longer the file that was opened"
+            raise StoppedError(said, "run again to read it")
 
     def blocks(self, level: int) -> "Iterator[BlockView]":
         """The blocks of one level in Morton order, without the empty ones."""
@@ -249,10 +237,6 @@ class BlockFile:
             raise UsageError(f"{self.path}: there is no level {level}", f"0 to {self.levels - 1}")
 
 
-def _closed(offset: int, length: int) -> bytes:
-    raise UsageError("the block file is closed", "read it before closing it")
-
-
 class BlockView:
     """One block of an open file; its columns are read and decoded when they are asked for."""
 
@@ -310,8 +294,9 @@ class BlockView:
         """The stored bytes of one column, their CRC checked (GSB-0411)."""
         record = self.entry[name]
         offset = int(record["offset"])
-        data = self.file.read_range(offset, int(record["stored"]))
+        data = self.file.read_payload(self.entry, offset, int(record["stored"]))
         if data and crc32(data) != record["crc"]:
+            self.file.refuse_changed()
             said = f"column {name} of block {self.key}, level {self.level}, does not match its CRC"
             raise CorruptFileError("GSB-0411", self.file.path, offset, said)
         return data

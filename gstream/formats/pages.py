@@ -45,8 +45,16 @@ def rank(level: Any, key: Any) -> NDArray[np.uint64]:
 class Directory:
     """The pages of an open file, at most CACHED_PAGES of them in memory."""
 
-    def __init__(self, head: Head, read_at: ReadAt, path: str) -> None:
+    def __init__(
+        self,
+        head: Head,
+        read_at: ReadAt,
+        path: str,
+        refuse_changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        """refuse_changed : called where a CRC fails; raises if the file is another one by now."""
         self._head, self._read_at, self._path = head, read_at, path
+        self._refuse_changed = refuse_changed
         self._dtype = entry_dtype(head.columns)
         self._tables: dict[int, Rows] = {} if head.depth == 2 else {0: head.page_table}
         self._pages: OrderedDict[int, Rows] = OrderedDict()
@@ -102,6 +110,7 @@ class Directory:
             raise CorruptFileError(rule, self._path, offset, said)
         data = self._read_at(offset, length)
         if crc32(data) != record["crc"]:
+            self._refuse_changed()
             raise CorruptFileError(rule, self._path, offset, f"the {what} does not match its CRC")
         return data
 

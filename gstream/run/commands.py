@@ -23,6 +23,7 @@ from gstream.run.journal import Identity, JobFolder, fingerprint, job_folder
 from gstream.run.local import disk_errors
 from gstream.run.pipeline import RunReport, Stage, run_job
 from gstream.run.progress import Progress, Silent
+from gstream.source import is_url
 
 INGEST = ("spill", "ingest")
 VOXELIZE = ("presort", "voxelize", "merge", "simplify", "pack")
@@ -231,19 +232,31 @@ def check_paths(inputs: Sequence[str], output: str, options: RunOptions) -> None
     if not inputs:
         raise UsageError("there is no input", "name at least one file")
     for path in inputs:
-        _check_input(path)
-        if os.path.exists(output) and os.path.samefile(path, output):
-            raise UsageError(f"{output}: is an input as well as the output", "name another output")
-    _check_folder(os.path.dirname(os.path.abspath(output)), "the output's folder")
+        _check_input(path, output)
     if options.tmp is not None:
         _check_folder(options.tmp, "the folder for scratch")
-    if os.path.isdir(output):
+    _check_output(output, options.force, folder=False)
+
+
+def check_reading(blockfile: str, output: str, force: bool, folder: bool = False) -> None:
+    """Check what makes one output of one block file or its URL; folder : the output is a folder.
+
+    errors : UsageError for an input that cannot be read and an output that cannot be written
+    """
+    if not is_url(blockfile):
+        _check_input(blockfile, output)
+    _check_output(output, force, folder)
+
+
+def _check_output(output: str, force: bool, folder: bool) -> None:
+    _check_folder(os.path.dirname(os.path.abspath(output)), "the output's folder")
+    if os.path.isdir(output) and not folder:
         raise UsageError(f"{output}: is a folder", "name a file")
-    if os.path.exists(output) and not options.force:
+    if os.path.exists(output) and not force:
         raise UsageError(f"{output}: exists already", "add --force to replace it")
 
 
-def _check_input(path: str) -> None:
+def _check_input(path: str, output: str) -> None:
     if os.path.isdir(path):
         raise UsageError(f"{path}: is a folder", "name the file in it")
     if not os.path.exists(path):
@@ -255,6 +268,8 @@ def _check_input(path: str) -> None:
     except OSError as error:
         said = f"{path}: cannot be read: {os.strerror(error.errno or 0)}"
         raise UsageError(said, "check its permissions") from error
+    if os.path.exists(output) and os.path.samefile(path, output):
+        raise UsageError(f"{output}: is an input as well as the output", "name another output")
 
 
 def _check_folder(path: str, what: str) -> None:
