@@ -26,8 +26,9 @@ from gstream.report.knobs import (
     knobs,
     settings_at,
 )
-from gstream.report.mesh import scene_of_stream
-from gstream.report.metrics import (
+from gstream.report.results import Plan, Point, Report, Series
+from gstream.report.truth.mesh import scene_of_stream
+from gstream.report.truth.metrics import (
     Content,
     corners_of,
     differing_bytes,
@@ -37,10 +38,9 @@ from gstream.report.metrics import (
     misclassified,
     read_content,
 )
-from gstream.report.oracle import exact_voxels
-from gstream.report.results import Plan, Point, Report, Series
-from gstream.report.scene import Floats, Scene, write_ply
-from gstream.report.scenes import SCENES
+from gstream.report.truth.oracle import exact_voxels
+from gstream.report.truth.scene import Floats, Scene, write_ply
+from gstream.report.truth.scenes import SCENES
 from gstream.run import commands
 from gstream.run.commands import RunOptions
 from gstream.run.progress import Progress

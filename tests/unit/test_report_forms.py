@@ -9,8 +9,8 @@ from gstream.kernels import accumulate
 from gstream.report.forms import accumulator, attributes, classification, levels
 from gstream.report.forms.stand import SNAP_BITS, Stand
 from gstream.report.knobs import knobs
-from gstream.report.oracle import exact_voxels
-from gstream.report.scenes import SCENES
+from gstream.report.truth.oracle import exact_voxels
+from gstream.report.truth.scenes import SCENES
 
 EDGE = 32
 

@@ -5,9 +5,9 @@ import pytest
 
 from gstream.errors import UsageError
 from gstream.job import IngestSettings
-from gstream.report import mesh
-from gstream.report.mesh import scene_of_mesh, scene_of_stream
-from gstream.report.scenes import SCENES, write_ply
+from gstream.report.truth import mesh
+from gstream.report.truth.mesh import scene_of_mesh, scene_of_stream
+from gstream.report.truth.scenes import SCENES, write_ply
 from gstream.run import commands
 from gstream.run.commands import RunOptions
 

@@ -7,8 +7,8 @@ import pytest
 
 from gstream.job import IngestSettings, VoxelizeSettings
 from gstream.read import open_block_file
-from gstream.report.mesh import scene_of_mesh
-from gstream.report.metrics import (
+from gstream.report.truth.mesh import scene_of_mesh
+from gstream.report.truth.metrics import (
     Content,
     angles,
     corners_of,
@@ -20,9 +20,9 @@ from gstream.report.metrics import (
     misclassified,
     read_content,
 )
-from gstream.report.oracle import exact_voxels
-from gstream.report.scenes import SCENES, Scene, write_ply
-from gstream.report.shapes import BOX_CORNERS, BOX_TRIANGLES
+from gstream.report.truth.oracle import exact_voxels
+from gstream.report.truth.scenes import SCENES, Scene, write_ply
+from gstream.report.truth.shapes import BOX_CORNERS, BOX_TRIANGLES
 from gstream.run import commands
 from gstream.run.commands import RunOptions
 

@@ -7,8 +7,8 @@ import pytest
 from exact import scenes
 from exact.oracle import SEPARATIONS, voxels_of
 
-from gstream.report import oracle
-from gstream.report.oracle import exact_voxels
+from gstream.report.truth import oracle
+from gstream.report.truth.oracle import exact_voxels
 
 LOW, HIGH = (0, 0, 0), (8, 8, 8)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gstream.grid import grid_of_resolution
-from gstream.report.scene import codes_of_linear, linear_of_codes
-from gstream.report.scenes import SCENES
+from gstream.report.truth.scene import codes_of_linear, linear_of_codes
+from gstream.report.truth.scenes import SCENES
 
 CLOSED = [name for name in SCENES if SCENES[name](4).closed]
 

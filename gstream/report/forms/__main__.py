@@ -10,8 +10,8 @@ import numpy as np
 
 from gstream.report.forms import accumulator, attributes, classification, levels
 from gstream.report.forms.stand import Result, Stand
-from gstream.report.mesh import scene_of_stream
-from gstream.report.scenes import SCENES
+from gstream.report.truth.mesh import scene_of_stream
+from gstream.report.truth.scenes import SCENES
 
 FORMS: dict[str, Callable[[Stand], list[Result]]] = {
     "classification": classification.measure,

@@ -6,7 +6,7 @@ from gstream.formats.lodrule import LINEAR_OF_CODE
 from gstream.kernels.accumulate import AREA, CHANNELS
 from gstream.kernels.voxelize import Rules, compact, fragments
 from gstream.report.forms.stand import SNAP_BITS, Result, Stand
-from gstream.report.scene import Floats, Ints
+from gstream.report.truth.scene import Floats, Ints
 
 COLOUR_BITS = (4, 5, 6, 7, 8, 10)
 THRESHOLDS = (0.0, 0.02, 0.05, 0.1, 0.2)  # of the normal's components

@@ -27,9 +27,9 @@ from gstream.kernels.overlap import (
 )
 from gstream.kernels.voxelize import SPREAD, Rules, compact
 from gstream.report.forms.stand import BUFFER, SNAP_BITS, Result, Stand, no_channels, seconds_of
-from gstream.report.metrics import misclassified
-from gstream.report.oracle import exact_voxels
-from gstream.report.scene import Ints
+from gstream.report.truth.metrics import misclassified
+from gstream.report.truth.oracle import exact_voxels
+from gstream.report.truth.scene import Ints
 
 Numbers = NDArray[Any]
 Emit = Callable[..., tuple[int, int, int]]

@@ -11,8 +11,8 @@ from gstream.kernels.accumulate import VECTOR
 from gstream.kernels.lod import finish_voxels, reduce_runs
 from gstream.kernels.octahedral import decode_normals, encode_normals
 from gstream.report.forms.stand import Result, Stand, no_channels, seconds_of
-from gstream.report.metrics import angles
-from gstream.report.scene import Floats, Ints
+from gstream.report.truth.metrics import angles
+from gstream.report.truth.scene import Floats, Ints
 
 LEVEL = 3  # whose normals are judged: voxels 8 wide hold dozens of triangles
 DEEPEST = 14  # levels above level 0 in a grid of 2^20 voxels with blocks of 64^3
@@ -32,7 +32,7 @@ def lod_weight(stand: Stand) -> list[Result]:
     """
     corners = stand.corners
     sizes = corners.max(axis=1) - corners.min(axis=1)
-    if sizes.max() > 2 * 4096:
+    if sizes.max() > 4 * 4096:
         return []
     box, rows, codes = stand.filled(no_channels(len(corners)))
     small = codes.astype(np.uint32)
@@ -76,7 +76,10 @@ def _summed(codes: Ints, vectors: Ints) -> tuple[Ints, Floats]:
 
 
 def _true_normals(corners: Ints) -> tuple[Ints, Floats]:
-    """Morton codes of LEVEL, and the area vectors of the triangles with their middles there."""
+    """Morton codes of LEVEL, and the area vectors of the triangles with their middles there.
+
+    Without voxels whose triangles look all ways, as those of a thin thread: they have no normal.
+    """
     a, b, c = corners.transpose(1, 0, 2)
     middles = (a + b + c) // (3 * 4096) >> LEVEL
     keys = np.zeros(len(corners), np.int64)
@@ -85,8 +88,10 @@ def _true_normals(corners: Ints) -> tuple[Ints, Floats]:
             keys |= (middles[:, axis] >> bit & 1) << (3 * bit + axis)
     parents, owner = np.unique(keys, return_inverse=True)
     cross = np.cross(b - a, c - a).astype(np.float64)
-    sums = [np.bincount(owner, cross[:, axis], len(parents)) for axis in range(3)]
-    return parents, np.stack(sums, axis=1)
+    sums = np.stack([np.bincount(owner, cross[:, axis], len(parents)) for axis in range(3)], axis=1)
+    areas = np.bincount(owner, np.linalg.norm(cross, axis=1), len(parents))
+    one_way = np.linalg.norm(sums, axis=1) > 0.5 * areas
+    return parents[one_way], sums[one_way]
 
 
 def lod_codes(_: Stand) -> list[Result]:

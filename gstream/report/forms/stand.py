@@ -9,7 +9,7 @@ import numpy as np
 
 from gstream.kernels import accumulate, fragments
 from gstream.kernels.voxelize import Box, Rules
-from gstream.report.scene import Floats, Ints, Scene
+from gstream.report.truth.scene import Floats, Ints, Scene
 
 SNAP_BITS = 12
 TURNS = 5  # of each value in a process; the fastest counts

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.read import BlockFile
-from gstream.report.oracle import distinct, exact_voxels
-from gstream.report.scene import Bools, Floats, Ints, Scene, codes_of_linear
+from gstream.report.truth.oracle import distinct, exact_voxels
+from gstream.report.truth.scene import Bools, Floats, Ints, Scene, codes_of_linear
 
 WEIGHT_UNIT = 2.0**-20  # voxel faces (blockfile.md, weight)
 Place = tuple[int, int, int]

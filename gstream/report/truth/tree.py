@@ -3,7 +3,7 @@
 import numpy as np
 
 from gstream.formats.morton import encode_morton
-from gstream.report.scene import Floats, Ints
+from gstream.report.truth.scene import Floats, Ints
 
 POINTS = 1 << 12  # asked at once: some hundred boxes and triangles to each
 FAN = 4  # boxes in a box; 8 took half as long again

@@ -9,8 +9,8 @@ from math import ceil, pi, sqrt
 
 import numpy as np
 
-from gstream.report.mesh import scene_of_mesh
-from gstream.report.scene import (
+from gstream.report.truth.mesh import scene_of_mesh
+from gstream.report.truth.scene import (
     SAMPLES,
     Bools,
     Codes,
@@ -23,7 +23,7 @@ from gstream.report.scene import (
     spread_on,
     write_ply,
 )
-from gstream.report.shapes import (
+from gstream.report.truth.shapes import (
     BOX_CORNERS,
     BOX_TRIANGLES,
     ball,

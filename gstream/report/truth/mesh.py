@@ -11,8 +11,8 @@ import numpy as np
 
 from gstream.errors import UsageError
 from gstream.formats.stream import StreamReader, corners
-from gstream.report.scene import SAMPLES, Bools, Floats, Ints, Scene, spread_on
-from gstream.report.tree import Tree
+from gstream.report.truth.scene import SAMPLES, Bools, Floats, Ints, Scene, spread_on
+from gstream.report.truth.tree import Tree
 
 MAX_TRIANGLES = 1 << 22
 PAIRS = 1 << 18  # of triangle and column tested at once

@@ -4,7 +4,7 @@ from math import ceil, pi, sqrt
 
 import numpy as np
 
-from gstream.report.scene import Floats, Ints, spread
+from gstream.report.truth.scene import Floats, Ints, spread
 
 # Corner i is high in x, y, z where bits 0, 1, 2 of i are set; triangles are seen from outside.
 BOX_CORNERS = np.indices((2, 2, 2)).reshape(3, 8).T[:, ::-1]
