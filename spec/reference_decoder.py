@@ -1,0 +1,199 @@
+# fmt: off
+"""Reference decoder: refuses what a reader must notice, prints the digests of what it decodes."""
+import json
+import struct
+import sys
+from hashlib import blake2b
+from zlib import crc32
+
+import lz4.block
+import numpy as np
+
+PAGE = "level u1,zero 3u1,count <u4,key <u8,offset <u8,length <u4,crc <u4"
+RECORD = "offset <u8,stored <u4,raw <u4,crc <u4,constant <u4,codec u1,filter u1,zero 6u1"
+ENTRY = "key <u8,count <u4,level u1,state u1,children u1,flags u1,low 3u1,high 3u1,zero 2u1"
+PAGE, RECORD, ENTRY = ([tuple(f.split()) for f in s.split(",")] for s in (PAGE, RECORD, ENTRY))
+COLUMNS = {1: (1, 8, 1), 2: (1, 6, 1), 3: (2, 0, 2), 4: (4, 8, 1), 5: (1, 32, 4), 6: (1, 32, 4),
+           7: (1, 8, 1)}  # components, bits, bytes; below: bytes, components, domains, filters
+ATTRIBUTES = {0: (2, 1, (1,), (0, 3, 6)), 1: (4, 3, (0,), (0, 2, 5)), 2: (8, 3, (0,), (0, 2, 5)),
+              3: (4, 3, (0,), (0, 2, 5)), 4: (1, 4, (0, 2, 3), (0, 1, 4))}
+def need(condition, rule):
+    if not condition:
+        raise ValueError(rule)
+def sealed(data, end):  # the four bytes at `end` are the CRC of those before
+    return data[end : end + 4] == crc32(data[:end]).to_bytes(4, "little")
+def unpack(data, codec, size, rule):
+    need(codec == 0 or size <= 255 * len(data) + 64, rule)
+    data = lz4.block.decompress(data, uncompressed_size=size) if codec else data
+    need(len(data) == size, rule)
+    return np.frombuffer(data, "u1")
+def joined(planes, step, width):  # numbers from their planes of bits (step 1) or of bytes (step 8)
+    return sum(plane.astype(f"<u{width}") << step * i for i, plane in enumerate(planes))
+def below(codes, masks):  # Morton codes of the children that child masks name
+    every = codes[:, None] << 3 | np.arange(8, dtype=codes.dtype)
+    return every[np.unpackbits(masks[:, None], axis=1, bitorder="little").view(bool)]
+def rows(data, table, dtype, rule):  # what stands in the pages, or table pages, of a page table
+    parts = [np.empty(0, dtype)]
+    for record in np.frombuffer(table, PAGE):
+        part = data[int(record["offset"]) :][: int(record["length"])]
+        parts.append(np.frombuffer(part, dtype))
+        need(len(parts[-1]) == record["count"] > 0 and crc32(part) == record["crc"], rule)
+    return np.concatenate(parts)
+def blocks(data):  # (name, counts, {column: values}) of each block with voxels; column 0 is its key
+    end, length = int.from_bytes(data[28:32], "little") - 4, len(data).to_bytes(8, "little")
+    need(461 <= end <= 65532 and sealed(data, end), "GSB-0103")
+    need(data[12] <= 1 and not any(data[13:14] + data[16:20]), "unsupported")
+    tail = b"\x89GSBTAIL\r\n\x1a\n" + length + data[40:56] + data[end : end + 4] + bytes(20)
+    need(data[32:40] == length and data[-64:-4] == tail and sealed(data[-64:], 60), "GSB-0102")
+    resolution, _, levels, log2, *_, bits = struct.unpack_from("<I9B", data, 56)
+    count, _, pages, depth, _, sections = struct.unpack_from("<QQIBBB", data, 216)
+    need(0 < resolution <= 1 << 16 and 0 < levels < 18 and 3 <= log2 <= 8 <= bits <= 12, "GSB-0105")
+    table = [struct.unpack_from("<4sIQQ", data, 256 + 32 * i) for i in range(sections)]
+    need([row[0] for row in table[:4]] == [b"LEVL", b"COLM", b"PAGE", b"META"], "GSB-0201")
+    need(not any(row[1] & 1 for row in table[4:]), "unsupported")
+    _, ids, table, _ = (data[at : at + size] for _, _, at, size in table[:4])
+    ids = [id_ for id_, in struct.iter_unpack("<H30x", ids)]
+    table = rows(data, table, PAGE, "GSB-0207") if depth == 2 else np.frombuffer(table, PAGE)
+    entries = rows(data, table, [*ENTRY, *((str(i), RECORD) for i in ids)], "GSB-0301")
+    key, level = entries["key"], entries["level"].astype("i8")
+    need((len(table), len(entries)) == (pages, count) and (level < levels).all(), "GSB-0206")
+    need((np.diff(key.astype("i8") - (level << 48)) > 0).all(), "GSB-0303")
+    for n in range(levels):
+        here, finer = entries[level == n], entries[level == n - 1]
+        need(np.array_equal(below(here["key"], here["children"]), finer["key"]), "GSB-0306")
+    for entry in entries[entries["state"] != 0]:
+        need(1 <= entry["count"] <= 8**log2, "GSB-0409")
+        found = {0: entry["key"]} | {i: column(data, entry, i, log2, bits) for i in ids}
+        yield f"level {entry['level']}", {"blocks": 1, "voxels": int(entry["count"])}, found
+def column(data, entry, id_, log2, normal_bits):  # (components, n); None: unknown kind or coding
+    offset, stored, raw, crc, constant, codec, filter_, _ = entry[str(id_)].item()
+    part, n = data[offset : offset + stored], int(entry["count"])
+    need(len(part) == stored and crc32(part) == crc, "GSB-0411")
+    if id_ not in COLUMNS or codec > 2 or filter_ > 5:
+        return None
+    components, bits, item = COLUMNS[id_]
+    bits = bits or normal_bits
+    need(filter_ == 0 or (codec < 2 and id_ > 1 and (filter_ < 5 or id_ == 4)), "GSB-0404")
+    need(raw in range(log2, log2 * n + 1) if id_ == 1 else raw == n * components * item, "GSB-0402")
+    if codec == 2 and id_ > 1:
+        value = [constant >> 8 * item * i & (1 << 8 * item) - 1 for i in range(components)]
+        need(max(value) >> bits == constant >> 8 * item * components == stored == 0, "GSB-0403")
+        return np.repeat(np.array(value, f"<u{item}")[:, None], n, axis=1)
+    size = raw if filter_ < 2 else components * bits * ((n + 7) // 8)
+    part = unpack(part, codec, size, "GSB-0401")
+    if id_ == 1:
+        values = np.zeros(1, np.uint32)
+        for _ in range(log2):
+            masks, part = part[: len(values)], part[len(values) :]
+            need(len(masks) == len(values) and masks.all(), "GSB-0407")
+            values = below(values, masks)
+        need(len(part) == 0 and len(values) == n, "GSB-0408")
+        return values
+    if filter_ == 0:
+        values = part.view(f"<u{item}").reshape(components, n)
+    elif filter_ == 1:
+        values = joined(part.reshape(components, item, n).swapaxes(0, 1), 8, item)
+    else:
+        planes = part.reshape(components, bits, -1).swapaxes(0, 1)
+        values = joined((np.unpackbits(plane, 1, n, "little") for plane in planes), 1, item)
+        values = np.cumsum(values >> 1 ^ -(values & 1), 1, values.dtype) if filter_ % 2 else values
+        values = np.bitwise_xor.accumulate(values, 1) if filter_ == 4 else values
+    need(filter_ > 1 or values.max() >> bits == 0, "GSB-0405")
+    if filter_ == 5:
+        values[:3] = values[1] + values[0], values[0].copy(), values[2] + values[0]
+    return values & values.dtype.type((1 << bits) - 1)
+def stream(data):  # (name, counts, {attribute: values}) of each chunk
+    version, _, incompatible, _, _, count, _, text = struct.unpack_from("<HHIIIHHI", data, 12)
+    at = 36 + 32 * count + text
+    need(version <= 1, "unsupported")
+    need(count <= 32 and text <= 1 << 20 and sealed(data, at), "GST-0003")
+    need(not incompatible, "unsupported")
+    length, end, size, *crcs, magic = struct.unpack("<QQQI4sI12s", data[-48:])
+    need(magic == data[:12] and length == len(data) == end + size + 48, "GST-0201")
+    need(crcs == [crc32(data[end:-48]), data[at : at + 4], crc32(data[-48:-16])], "GST-0202")
+    magic, count, text = struct.unpack_from("<4sII", data, end)
+    need(magic == b"GDIR" and size == 16 + 72 * count + text, "GST-0206")
+    for row in range(end + 16, end + 16 + 72 * count, 72):
+        begin, at = at + 4, at + int.from_bytes(data[row + 8 : row + 12], "little")
+        need(int.from_bytes(data[row : row + 8], "little") == begin and at + 4 <= end, "GST-0208")
+        yield "chunks", *chunk(data[begin : at + 4], data[row + 12 : row + 72])
+    need(at + 4 == end, "GST-0208")
+def chunk(data, row):
+    magic, width, parts, triangles, vertices, _, payload = struct.unpack_from("<4sHHIIII", data)
+    at, found = 84 + 20 * parts, {}
+    need(magic == b"CHNK" and parts <= 32 and sealed(data, at - 4), "GST-0103")
+    need(row == data[8:20] + data[32:80] and len(data) == at + payload, "GST-0207")
+    records = list(struct.iter_unpack("<HBBB3xIII", data[80 : at - 4]))
+    need(max(triangles, vertices) <= 65536 and payload == sum(r[4] for r in records), "GST-0104")
+    ids = [record[0] for record in records]
+    need(len(ids) == len(set(ids)) and (1 in ids) != (2 in ids), "GST-0108")
+    need((width, ids[0] == 0, 0 in ids) in ((0, 0, 0), (2, 1, 1)), "GST-0108")
+    need(width or vertices == 3 * triangles, "GST-0109")
+    for id_, domain, filter_, codec, stored, raw, crc in records:
+        part, at, found[id_] = data[at : at + stored], at + stored, None
+        need(crc32(part) == crc, "GST-0111")
+        item, components, domains, filters = ATTRIBUTES.get(id_, (0, 0, (), ()))
+        known = domain in domains and filter_ in filters and codec < 3
+        if not known or (filter_ in (4, 5) and found.get(0, 0) is None):
+            continue
+        n = (vertices, 3 * triangles, triangles, 1)[domain]
+        size = item * components * (n if codec < 2 else 1)
+        size = raw if filter_ == 6 and raw - triangles in range(0, size + 1, 2) else size
+        need(raw == size and (codec < 2 or filter_ == 0), "GST-0107")
+        need(filter_ not in (4, 5) or (width and domain == 0), "GST-0107")
+        part = unpack(part, codec == 1, size, "GST-0113")
+        if filter_ == 0:
+            values = np.resize(part.view(f"<u{item}"), (n, components))
+        elif id_ == 0:
+            values = connect(part, triangles if filter_ == 6 else 0, triangles, vertices)
+        else:
+            planes = part.reshape(components, item, n).transpose(1, 2, 0)
+            values = undelta(planes, found[0] if filter_ > 3 else np.empty(0), filter_ in (2, 5))
+        need(id_ or not n or values.max() < vertices, "GST-0112")
+        if id_ in (1, 2):
+            points = values.view(f"<f{item}") if n else np.zeros((1, 3))
+            box = np.array([points.min(axis=0), points.max(axis=0)], float) + 0.0
+            need(np.isfinite(box).all() and box.tobytes() == data[32:80], "GST-0117")
+        found[id_] = values
+    return {"chunks": 1, "triangles": triangles, "vertices": vertices}, found
+def connect(data, start, triangles, vertices):  # vertices of the corners; codes stand before start
+    numbers = iter(joined(data[start:].reshape(2, -1), 8, 4).tolist())
+    mark, edges, corners = 0, [], []
+    for code in data[:start].tolist() or [255] * triangles:
+        new = list(edges[code // 6]) if code < 255 else []
+        while len(new) < 3:
+            number = next(numbers, 1 << 17) if code % 2 else 0
+            new.append(mark - number if number or mark < 65536 else 0)
+            need(0 <= new[-1] < vertices, "GST-0114")
+            mark += number == 0 and mark < vertices
+        a, b, c = new
+        corners += [(a, b, c), (c, a, b), (b, c, a)][code // 2 % 3 if code < 255 else 0]
+        edges = ([(a, c), (c, b)] + [(b, a)] * (code == 255) + edges)[:16]
+    need(mark == vertices and next(numbers, None) is None, "GST-0114")
+    return np.array(corners, "<u2").reshape(-1, 1)
+def undelta(planes, corners, ordered):  # values from their differences to earlier ones
+    values = joined(planes, 8, len(planes))
+    values = np.pad(values >> 1 ^ -(values & 1), ((0, 1), (0, 0)))  # a last row of zeros is row -1
+    base, half = {}, values.dtype.type(1 << 8 * len(planes) - 1)
+    for triangle in corners.reshape(-1, 3).tolist():
+        for vertex in triangle:
+            base.setdefault(vertex, max((v for v in triangle if v < vertex), default=vertex - 1))
+    for i in range(len(values) - 1):
+        values[i] += values[base.get(i, i - 1)]
+    return np.where(values < half, ~values, values ^ half)[:-1] if ordered else values[:-1]
+def summary(data):  # how much there is, with digests, of each level or of all chunks
+    kinds, groups = {b"\x89GSB 1.0\r\n\x1a\n": blocks, b"\x89GST 1.0\r\n\x1a\n": stream}, {}
+    need(data[:12] in kinds, "GSB-0101 or GST-0001")
+    for name, counts, found in kinds[data[:12]](data):
+        group = groups.setdefault(name, {"columns": {}})
+        for what, count in counts.items():
+            group[what] = group.get(what, 0) + count
+        for id_, values in found.items():
+            digest = group["columns"].setdefault(id_, blake2b(digest_size=16))
+            if values is None or digest is None:
+                group["columns"][id_] = None  # it cannot be read
+            else:
+                digest.update(values.tobytes())
+    return groups
+if __name__ == "__main__":
+    print(json.dumps(summary(np.fromfile(sys.argv[1], "u1").tobytes()), default=blake2b.hexdigest))
