@@ -39,7 +39,7 @@ def rows(data, table, dtype, rule):  # what stands in the pages, or table pages,
         parts.append(np.frombuffer(part, dtype))
         need(len(parts[-1]) == record["count"] > 0 and crc32(part) == record["crc"], rule)
     return np.concatenate(parts)
-def blocks(data):  # (name, counts, {column: values}) of each block with voxels; column 0 is its key
+def blocks(data):  # (level, counts, {column: (components, n) values}) of each block with voxels
     end, length = int.from_bytes(data[28:32], "little") - 4, len(data).to_bytes(8, "little")
     need(461 <= end <= 65532 and sealed(data, end), "GSB-0103")
     need(data[12] <= 1 and not any(data[13:14] + data[16:20]), "unsupported")
@@ -51,10 +51,10 @@ def blocks(data):  # (name, counts, {column: values}) of each block with voxels;
     table = [struct.unpack_from("<4sIQQ", data, 256 + 32 * i) for i in range(sections)]
     need([row[0] for row in table[:4]] == [b"LEVL", b"COLM", b"PAGE", b"META"], "GSB-0201")
     need(not any(row[1] & 1 for row in table[4:]), "unsupported")
-    _, ids, table, _ = (data[at : at + size] for _, _, at, size in table[:4])
-    ids = [id_ for id_, in struct.iter_unpack("<H30x", ids)]
+    _, names, table, _ = (data[at : at + size] for _, _, at, size in table[:4])
+    names = {i: name.rstrip(b"\0").decode() for i, name in struct.iter_unpack("<H6x24s", names)}
     table = rows(data, table, PAGE, "GSB-0207") if depth == 2 else np.frombuffer(table, PAGE)
-    entries = rows(data, table, [*ENTRY, *((str(i), RECORD) for i in ids)], "GSB-0301")
+    entries = rows(data, table, [*ENTRY, *((str(i), RECORD) for i in names)], "GSB-0301")
     key, level = entries["key"], entries["level"].astype("i8")
     need((len(table), len(entries)) == (pages, count) and (level < levels).all(), "GSB-0206")
     need((np.diff(key.astype("i8") - (level << 48)) > 0).all(), "GSB-0303")
@@ -63,9 +63,10 @@ def blocks(data):  # (name, counts, {column: values}) of each block with voxels;
         need(np.array_equal(below(here["key"], here["children"]), finer["key"]), "GSB-0306")
     for entry in entries[entries["state"] != 0]:
         need(1 <= entry["count"] <= 8**log2, "GSB-0409")
-        found = {0: entry["key"]} | {i: column(data, entry, i, log2, bits) for i in ids}
-        yield f"level {entry['level']}", {"blocks": 1, "voxels": int(entry["count"])}, found
-def column(data, entry, id_, log2, normal_bits):  # (components, n); None: unknown kind or coding
+        found = {names[i]: column(data, entry, i, log2, bits) for i in names}
+        found["key"] = entry["key"]
+        yield int(entry["level"]), {"blocks": 1, "voxels": int(entry["count"])}, found
+def column(data, entry, id_, log2, normal_bits):  # None: a kind, codec or filter that is unknown
     offset, stored, raw, crc, constant, codec, filter_, _ = entry[str(id_)].item()
     part, n = data[offset : offset + stored], int(entry["count"])
     need(len(part) == stored and crc32(part) == crc, "GSB-0411")
@@ -102,7 +103,7 @@ def column(data, entry, id_, log2, normal_bits):  # (components, n); None: unkno
     if filter_ == 5:
         values[:3] = values[1] + values[0], values[0].copy(), values[2] + values[0]
     return values & values.dtype.type((1 << bits) - 1)
-def stream(data):  # (name, counts, {attribute: values}) of each chunk
+def stream(data):  # (0, counts, {attribute: (components, n) values}) of each chunk
     version, _, incompatible, _, _, count, _, text = struct.unpack_from("<HHIIIHHI", data, 12)
     at = 36 + 32 * count + text
     need(version <= 1, "unsupported")
@@ -116,7 +117,7 @@ def stream(data):  # (name, counts, {attribute: values}) of each chunk
     for row in range(end + 16, end + 16 + 72 * count, 72):
         begin, at = at + 4, at + int.from_bytes(data[row + 8 : row + 12], "little")
         need(int.from_bytes(data[row : row + 8], "little") == begin and at + 4 <= end, "GST-0208")
-        yield "chunks", *chunk(data[begin : at + 4], data[row + 12 : row + 72])
+        yield 0, *chunk(data[begin : at + 4], data[row + 12 : row + 72])
     need(at + 4 == end, "GST-0208")
 def chunk(data, row):
     magic, width, parts, triangles, vertices, _, payload = struct.unpack_from("<4sHHIIII", data)
@@ -154,7 +155,7 @@ def chunk(data, row):
             points = values.view(f"<f{item}") if n else np.zeros((1, 3))
             box = np.array([points.min(axis=0), points.max(axis=0)], float) + 0.0
             need(np.isfinite(box).all() and box.tobytes() == data[32:80], "GST-0117")
-        found[id_] = values
+        found[id_] = values.T
     return {"chunks": 1, "triangles": triangles, "vertices": vertices}, found
 def connect(data, start, triangles, vertices):  # vertices of the corners; codes stand before start
     numbers = iter(joined(data[start:].reshape(2, -1), 8, 4).tolist())
@@ -181,19 +182,18 @@ def undelta(planes, corners, ordered):  # values from their differences to earli
     for i in range(len(values) - 1):
         values[i] += values[base.get(i, i - 1)]
     return np.where(values < half, ~values, values ^ half)[:-1] if ordered else values[:-1]
-def summary(data):  # how much there is, with digests, of each level or of all chunks
-    kinds, groups = {b"\x89GSB 1.0\r\n\x1a\n": blocks, b"\x89GST 1.0\r\n\x1a\n": stream}, {}
+def summary(data):  # how much there is, with digests, of each level; a stream is one level
+    kinds, levels = {b"\x89GSB 1.0\r\n\x1a\n": blocks, b"\x89GST 1.0\r\n\x1a\n": stream}, {}
     need(data[:12] in kinds, "GSB-0101 or GST-0001")
-    for name, counts, found in kinds[data[:12]](data):
-        group = groups.setdefault(name, {"columns": {}})
-        for what, count in counts.items():
-            group[what] = group.get(what, 0) + count
-        for id_, values in found.items():
-            digest = group["columns"].setdefault(id_, blake2b(digest_size=16))
+    for number, counts, found in kinds[data[:12]](data):
+        level = levels.setdefault(number, {"level": number, "columns": {}})
+        level |= {what: level.get(what, 0) + count for what, count in counts.items()}
+        for name, values in found.items():
+            digest = level["columns"].setdefault(name, blake2b(digest_size=16))
             if values is None or digest is None:
-                group["columns"][id_] = None  # it cannot be read
+                level["columns"][name] = None  # it cannot be read
             else:
-                digest.update(values.tobytes())
-    return groups
+                digest.update(values.T.tobytes())
+    return {"levels": [levels[number] for number in sorted(levels)]}
 if __name__ == "__main__":
     print(json.dumps(summary(np.fromfile(sys.argv[1], "u1").tobytes()), default=blake2b.hexdigest))

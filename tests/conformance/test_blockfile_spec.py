@@ -63,12 +63,12 @@ def decoded(decoder: SimpleNamespace, data: bytes) -> list[tuple[int, int, dict]
     """(level, key, {column: values as gstream has them}) of each block that the decoder yields."""
     found = []
     for level, counts, columns in decoder.blocks(data):
-        key = int(columns.pop(0))
+        key = int(columns.pop("key"))
         values = {
-            NAMES[i]: v.T if v.ndim == 2 and len(v) > 1 else v.ravel() for i, v in columns.items()
+            name: v.T if len(v) > 1 and v.ndim > 1 else v.ravel() for name, v in columns.items()
         }
         assert counts == {"blocks": 1, "voxels": len(values["occupancy"])}
-        found.append((int(level.removeprefix("level ")), key, values))
+        found.append((level, key, values))
     return found
 
 
