@@ -19,6 +19,8 @@ COMMANDS = {  # command -> module of this package; imported when it is called
     "info": "inspect",
     "check": "inspect",
     "preview": "inspect",
+    "export": "content",
+    "diff": "content",
     "report": "accuracy",
 }
 
@@ -41,7 +43,7 @@ class LazyGroup(click.Group):
     cls=LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Exit codes: 0 done, 1 our error, 2 usage, 3 stopped (run again to resume), "
-    "4 invalid input, 5 refused (memory, disk), 6 unsupported.",
+    "4 invalid input, 5 refused (memory, disk), 6 unsupported, 7 different (diff).",
 )
 @click.version_option(__version__, prog_name="gstream", message="%(prog)s %(version)s")
 @click.option("--debug", is_flag=True, help="Show tracebacks.  [env: GSTREAM_DEBUG]")

@@ -34,6 +34,7 @@ U16 = NDArray[np.uint16]
 U32 = NDArray[np.uint32]
 
 CORNERS: Final = np.indices((2, 2, 2)).reshape(3, 8).T
+EVERYWHERE: Final = (np.full(3, -np.inf), np.full(3, np.inf))
 RUN_BYTES: Final = 16 << 20  # the longest run that is read for a part of it
 IDENTITY: Final = (32, 24)  # where the head has file_bytes and content_id: offset, length
 
@@ -176,10 +177,9 @@ class BlockFile:
 
     def blocks(self, level: int) -> "Iterator[BlockView]":
         """The blocks of one level in Morton order, without the empty ones."""
-        everywhere = np.full(3, -np.inf), np.full(3, np.inf)
-        return self._blocks_inside(level, everywhere)
+        return self.blocks_inside(level, EVERYWHERE)
 
-    def _blocks_inside(self, level: int, box: Box) -> "Iterator[BlockView]":
+    def blocks_inside(self, level: int, box: Box) -> "Iterator[BlockView]":
         """Blocks whose tight bounds meet a box of voxels of their level, inclusive."""
         self._check_level(level)
         first, last = box
@@ -214,9 +214,9 @@ class BlockFile:
         A box that is oblique to the grid is taken as its bounding box in voxel indices.
         errors : UnsupportedError for a column that the file does not store
         """
-        first, last = box = self._index_box(low, high, level)
+        first, last = box = self.index_box(low, high, level)
         parts: list[tuple[U32, list[NDArray[Any]]]] = []
-        for block in self._blocks_inside(level, box):
+        for block in self.blocks_inside(level, box):
             positions = block.positions()
             inside = ((positions >= first) & (positions <= last)).all(axis=1)
             parts.append((positions[inside], [block.column(n)[inside] for n in columns]))
@@ -225,7 +225,7 @@ class BlockFile:
         merged = {n: np.concatenate([p[1][i] for p in parts]) for i, n in enumerate(columns)}
         return Voxels(level, np.concatenate([p[0] for p in parts]), merged)
 
-    def _index_box(self, low: Sequence[float], high: Sequence[float], level: int) -> Box:
+    def index_box(self, low: Sequence[float], high: Sequence[float], level: int) -> Box:
         """First and last voxel of a level, both inclusive, whose closed cubes touch a world box."""
         matrix = self.level_matrix(level)
         corners = np.where(CORNERS, np.asarray(high, float), np.asarray(low, float))
@@ -292,7 +292,7 @@ class BlockView:
 
     def stored(self, name: str) -> bytes:
         """The stored bytes of one column, their CRC checked (GSB-0411)."""
-        record = self.entry[name]
+        record = self.entry[self.file.specs[name].field]
         offset = int(record["offset"])
         data = self.file.read_payload(self.entry, offset, int(record["stored"]))
         if data and crc32(data) != record["crc"]:
@@ -328,7 +328,7 @@ class BlockView:
         if self.file.specs[name].id not in COLUMN_IDS:
             said = f"column {name!r} is of a kind that this release does not know"
             raise UnsupportedError(self.file.path, said, "upgrade gstream")
-        return self.entry[name]
+        return self.entry[self.file.specs[name].field]
 
     def positions(self) -> U32:
         """(n, 3) u32 voxel coordinates x, y, z within the level, in Morton order."""
@@ -347,10 +347,7 @@ class BlockView:
     def normals(self) -> NDArray[np.float32]:
         """(n, 3) unit vectors in grid axes; 0, 0, 0 where the voxel has no direction."""
         bits = self.file.specs["normal"].bits if "normal" in self.file.specs else 0
-        directions = decode_normals(self.normal_codes, bits).astype(np.float64)
-        length = np.linalg.norm(directions, axis=1, keepdims=True)
-        unit: NDArray[np.float64] = directions / np.maximum(length, 1.0)
-        return unit.astype(np.float32)
+        return unit_vectors(decode_normals(self.normal_codes, bits))
 
     @property
     def colour(self) -> U8:
@@ -370,6 +367,14 @@ class BlockView:
         for i, part in enumerate(parts):
             words |= part << np.uint32(8 * i)
         return words
+
+
+def unit_vectors(directions: NDArray[Any]) -> NDArray[np.float32]:
+    """(n, 3) vectors of length 1 along the given ones; 0, 0, 0 stays."""
+    vectors = directions.astype(np.float64)
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    unit: NDArray[np.float64] = vectors / np.where(length > 0, length, 1.0)
+    return unit.astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
