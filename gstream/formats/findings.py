@@ -1,4 +1,4 @@
-"""One finding of a check: which rule of a spec a file breaks, and where."""
+"""A rule of a spec, and one finding of a check: which rule a file breaks, and where."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -6,6 +6,20 @@ from typing import Final
 ERROR: Final = "error"
 WARNING: Final = "warning"
 NOTE: Final = "note"
+
+READER: Final = "reader"  # whoever decodes must notice a broken rule
+VALIDATOR: Final = "validator"  # only a full check must
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A rule of spec/blockfile.md or spec/stream.md, as spec/rules.md lists it."""
+
+    id: str
+    severity: str
+    noticed_by: str  # READER or VALIDATOR
+    section: str  # of its page, where it is explained
+    sentence: str
 
 
 @dataclass(frozen=True, slots=True)

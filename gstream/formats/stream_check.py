@@ -1,4 +1,4 @@
-"""Checks a whole geometry stream against spec/stream.md; one finding per broken rule and place.
+"""The rules of the geometry stream, and a check of a whole one: one finding per rule and place.
 
 What a reader needs to be safe, stream.py checks on every read; here is what only a checker needs.
 """
@@ -11,9 +11,87 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.errors import CorruptFileError
+from gstream.formats.findings import ERROR, READER, VALIDATOR, Rule
 from gstream.formats.framing import crc32
 from gstream.formats.stream import StreamReader, total_box
 from gstream.formats.stream_chunk import ID_INDEX, KNOWN, Chunk, ChunkHead
+
+RULES: Final = (
+    Rule("GST-0001", ERROR, READER, "3",
+         "The file begins with the 12 bytes of the magic."),
+    Rule("GST-0002", ERROR, READER, "3",
+         "The file does not end inside its header."),
+    Rule("GST-0003", ERROR, READER, "3",
+         "The header matches its CRC."),
+    Rule("GST-0004", ERROR, READER, "3",
+         "Attributes and metadata are within their limits."),
+    Rule("GST-0005", ERROR, VALIDATOR, "3",
+         "Reserved bytes of the header are zero."),
+    Rule("GST-0006", ERROR, VALIDATOR, "3.1",
+         "A descriptor is well formed and stands once; a known one is as the spec has it."),
+    Rule("GST-0007", ERROR, VALIDATOR, "3.2",
+         "The metadata is a UTF-8 JSON object."),
+    Rule("GST-0101", ERROR, READER, "4",
+         "A chunk begins with its magic."),
+    Rule("GST-0102", ERROR, READER, "4",
+         "The file does not end inside a chunk's head."),
+    Rule("GST-0103", ERROR, READER, "4",
+         "A chunk's head matches its CRC."),
+    Rule("GST-0104", ERROR, READER, "4",
+         "Chunks and parts are within their limits."),
+    Rule("GST-0105", ERROR, READER, "4",
+         "A chunk is as long as its head and parts."),
+    Rule("GST-0106", ERROR, VALIDATOR, "4.1",
+         "Reserved bytes of a part record are zero."),
+    Rule("GST-0107", ERROR, READER, "5",
+         "A part's sizes, index width and filter fit the chunk."),
+    Rule("GST-0108", ERROR, READER, "4",
+         "There is one position part, no attribute stands twice, and indices come first."),
+    Rule("GST-0109", ERROR, READER, "4",
+         "A chunk without indices has three vertices per triangle."),
+    Rule("GST-0111", ERROR, READER, "4.1",
+         "A part matches its CRC."),
+    Rule("GST-0112", ERROR, READER, "4",
+         "Every index is below the number of vertices."),
+    Rule("GST-0113", ERROR, READER, "5.1",
+         "An LZ4 block unpacks to exactly the length stated, which is a possible one."),
+    Rule("GST-0114", ERROR, READER, "5.2",
+         "First-use and edge codes are sound and use every vertex."),
+    Rule("GST-0115", ERROR, READER, "4",
+         "A box is finite."),
+    Rule("GST-0116", ERROR, VALIDATOR, "4",
+         "The number of degenerate triangles is right."),
+    Rule("GST-0117", ERROR, READER, "4",
+         "A box is the tight box of the chunk's vertices, which are finite."),
+    Rule("GST-0118", ERROR, VALIDATOR, "4",
+         "A part's attribute has a descriptor."),
+    Rule("GST-0201", ERROR, READER, "7",
+         "The file ends in a tail: it is not cut."),
+    Rule("GST-0202", ERROR, READER, "7",
+         "The tail matches its CRC."),
+    Rule("GST-0203", ERROR, READER, "7",
+         "The file has the length that its tail states."),
+    Rule("GST-0204", ERROR, READER, "7",
+         "The directory ends where the tail begins."),
+    Rule("GST-0205", ERROR, READER, "7",
+         "The directory matches its CRC."),
+    Rule("GST-0206", ERROR, READER, "6",
+         "The directory is well formed."),
+    Rule("GST-0207", ERROR, READER, "6.1",
+         "A row of the directory repeats its chunk's head."),
+    Rule("GST-0208", ERROR, READER, "6.1",
+         "Chunks stand one behind the other, without gaps or overlaps."),
+    Rule("GST-0209", ERROR, VALIDATOR, "6.2",
+         "The totals are a UTF-8 JSON object with a list of sources and their counters."),
+    Rule("GST-0210", ERROR, VALIDATOR, "6.2",
+         "Counters are the sums over the chunks, and read = stored + non-finite."),
+    Rule("GST-0211", ERROR, READER, "7",
+         "Header and tail are of one file."),
+    Rule("GST-0212", ERROR, READER, "6",
+         "The directory is within its limits."),
+    Rule("GST-0213", ERROR, VALIDATOR, "6.2",
+         "The totals' box is the box of all chunks."),
+)  # fmt: skip
 
 COUNTERS: Final = ("read", "stored", "non_finite", "degenerate")
 
@@ -85,7 +163,7 @@ def _totals(
     reader: StreamReader, sums: Mapping[int, NDArray[np.int64]]
 ) -> Iterator[CorruptFileError]:
     sources = reader.totals.get("sources")
-    if not isinstance(sources, list) or not all(map(_is_source, sources)):
+    if not isinstance(sources, list) or not all(map(is_source, sources)):
         yield _finding(reader, None, "GST-0209", "the totals have no list of sources and counters")
         return
     if any(number >= len(sources) for number in sums):
@@ -105,9 +183,10 @@ def _totals(
         yield _finding(reader, None, "GST-0213", "the totals' box is not the box of all chunks")
 
 
-def _is_source(value: Any) -> bool:
+def is_source(value: Any) -> bool:
+    """Whether an item of the totals' sources has its counters."""
     return isinstance(value, dict) and all(
-        isinstance(value.get(key), int) and value[key] >= 0 for key in COUNTERS
+        type(value.get(key)) is int and 0 <= value[key] < 1 << 64 for key in COUNTERS
     )
 
 

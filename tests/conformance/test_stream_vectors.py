@@ -27,7 +27,7 @@ from gstream.formats.stream_check import iter_findings
 
 ROOT = Path(__file__).parents[2]
 VECTORS = ROOT / "spec" / "vectors"
-SPEC = ROOT / "spec" / "stream.md"
+RULES = ROOT / "spec" / "rules.md"
 SOURCES = (ROOT / "gstream" / "formats").glob("stream*.py")
 
 
@@ -60,7 +60,7 @@ def test_a_bad_vector_breaks_the_rule_it_is_named_after_first(rule):
 
 
 def test_every_rule_of_the_spec_is_in_the_source_and_has_a_bad_vector():
-    table = rules_in(SPEC.read_text())
+    table = rules_in(RULES.read_text())
     assert table == rules_in("".join(path.read_text() for path in SOURCES))
     assert table == {path.stem for path in (VECTORS / "bad").glob("GST-*")}
 
