@@ -1,0 +1,139 @@
+"""What the formats cost: bytes per triangle beside other formats; CPU to decode and to check.
+
+`python -m tests.bench.bench_formats SCAN...`. One process, kernels loaded before. Decoding and
+checking stand beside the copying of memory in the same run.
+"""
+
+import argparse
+import io
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import numpy as np
+
+import gstream
+from gstream.formats.stream import StreamReader, corners
+from tests.bench.process import expect, machine, markdown
+
+ROUNDS = 3
+STREAMS = {
+    "fast": ("--lz4", "fast"),
+    "fast, spatial": ("--lz4", "fast", "--order", "spatial"),
+    "hc, spatial": ("--lz4", "hc", "--order", "spatial"),
+}
+RESOLUTION = 1024
+
+
+def sizes(scan: Path, folder: Path) -> dict[str, Any]:
+    """Bytes per triangle of one scan in each format, positions as float32 in all of them."""
+    found: dict[str, float] = {}
+    triangles = 0
+    for name, options in STREAMS.items():
+        stream = folder / "scan.gst"
+        expect("ingest", scan, "-o", stream, *options, "--force")
+        triangles = int(json.loads(expect("info", stream, "--json").out)["triangles"])
+        found[f"stream, {name}"] = stream.stat().st_size / triangles
+    points, faces = indexed(folder / "scan.gst")
+    ply = binary_ply(points, faces)
+    found["binary PLY"] = len(ply) / triangles
+    found["PLY + LZ4"] = len(lz4.frame.compress(ply)) / triangles
+    found["OBJ"] = len(obj(points, faces)) / triangles
+    return {"scan": scan.name, "triangles": triangles, **found}
+
+
+def indexed(stream: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) f4 vertices, each position once, and (m, 3) i4 triangles of a stream."""
+    reader = StreamReader(stream)
+    chunks = [corners(reader.chunk(index, ()))[0] for index in range(len(reader.chunks))]
+    flat = np.ascontiguousarray(np.concatenate(chunks).reshape(-1, 3).astype("<f4"))
+    points, faces = np.unique(flat.view("V12").ravel(), return_inverse=True)
+    return points.view("<f4").reshape(-1, 3), faces.reshape(-1, 3).astype("<i4")
+
+
+def binary_ply(points: np.ndarray, faces: np.ndarray) -> bytes:
+    head = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = np.empty(len(faces), [("n", "u1"), ("v", "<i4", 3)])
+    rows["n"], rows["v"] = 3, faces
+    return head.encode() + points.tobytes() + rows.tobytes()
+
+
+def obj(points: np.ndarray, faces: np.ndarray) -> bytes:
+    out = io.BytesIO()
+    np.savetxt(out, points, fmt="v %.9g %.9g %.9g")
+    np.savetxt(out, faces + 1, fmt="f %d %d %d")
+    return out.getvalue()
+
+
+def speeds(path: Path) -> list[list[str]]:
+    """CPU of decoding all blocks, with normals and positions, and of `gstream check`."""
+    voxels, decoded = 0, 0
+    with gstream.open(path) as scene:
+        for level in range(scene.levels):
+            for block in scene.blocks(level):
+                voxels += block.count
+                decoded += block.count * (3 + 1 + 4)  # place, mask, two codes of the normal
+
+        def decode(*names: str) -> None:
+            for level in range(scene.levels):
+                for block in scene.blocks(level):
+                    for name in names:
+                        block.column(name)
+
+        place = cpu(lambda: decode("occupancy"))
+        normal = cpu(lambda: decode("occupancy", "normal"))
+        everything = cpu(lambda: decode("occupancy", "mask", "normal"))
+    checked = cpu(lambda: gstream.check(path))
+    memory = np.ones(1 << 28, np.uint8)
+    copied = cpu(lambda: memory.copy())
+    return [
+        ["decode places", f"{voxels / place / 1e6:.1f} M voxels/s"],
+        ["decode places and codes of normals", f"{voxels / normal / 1e6:.1f} M voxels/s"],
+        ["decode all columns", f"{voxels / everything / 1e6:.1f} M voxels/s"],
+        ["check, every rule", f"{decoded / checked / 1e6:.0f} MB/s of decoded data"],
+        ["copy memory", f"{memory.nbytes / copied / 1e9:.1f} GB/s"],
+    ]
+
+
+def cpu(act: Callable[[], object]) -> float:
+    """CPU seconds of the fastest round; the first, which loads kernels, is not counted."""
+    found = []
+    for _ in range(1 + ROUNDS):
+        before = time.process_time()
+        act()
+        found.append(time.process_time() - before)
+    return min(found[1:])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scans", type=Path, nargs="+")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="gstream-bench-") as name:
+        folder = Path(name)
+        rows = [sizes(scan, folder) for scan in args.scans]
+        output = folder / "scan.gsb"
+        expect("build", args.scans[0], "-o", output, "--resolution", str(RESOLUTION), "--sep", "6")
+        found = speeds(output)
+    head = list(rows[0])
+    cells = [
+        [row["scan"], f"{row['triangles']:,}", *(f"{row[name]:.2f}" for name in head[2:])]
+        for row in rows
+    ]
+    print(machine())
+    print("\nBytes per triangle:\n")
+    print(markdown(head, cells), end="\n\n")
+    print(f"{args.scans[0].name} at {RESOLUTION}^3:\n")
+    print(markdown(["what", "measured"], found))
+
+
+if __name__ == "__main__":
+    main()
