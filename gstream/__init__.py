@@ -61,7 +61,9 @@ def build(
 def open(path: str | os.PathLike[str]) -> BlockFile:
     """Open a block file: iterate its levels and blocks, read a block by key or a region by box.
 
-    errors : CorruptFileError, UnsupportedError
+    path : also a URL (https://, s3://, …) with the extra `remote`; only ranges are requested
+    errors : UsageError for what cannot be read; CorruptFileError, UnsupportedError; of a URL also
+        StoppedError, whenever the network fails or the file is another one by now
     """
     from gstream.read import open_block_file
 

@@ -62,6 +62,8 @@ def _open_stored(
 
 
 def _line(error: BaseException) -> str:
+    if isinstance(error, TimeoutError):
+        return "no answer in time"
     return " ".join(str(error).split()) or type(error).__name__
 
 

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+HANGS_UP, IS_SILENT, BREAKS_OFF = 0, 1, 2
+
 
 @dataclass
 class Site:
@@ -16,9 +18,10 @@ class Site:
     tag: str | None = '"first"'
     url: str = ""
     ranges: bool = True  # False: every answer is the whole file
-    failures: list[int] = field(default_factory=list)  # statuses of the next answers; 0 hangs up
+    failures: list[int] = field(default_factory=list)  # of the next answers: statuses, or these:
     requests: list[tuple[str, str]] = field(default_factory=list)  # method, Range header
     sent: int = 0  # bytes of bodies
+    awake: threading.Event = field(default_factory=threading.Event)  # ends every silence
 
     def handler(self) -> type[BaseHTTPRequestHandler]:
         site = self
@@ -41,7 +44,13 @@ class Site:
                 self.do_GET()
 
             def fail(self, status: int) -> None:
-                if status:
+                if status == IS_SILENT:
+                    site.awake.wait()
+                elif status == BREAKS_OFF:
+                    first = int(re.search(r"\d+", self.headers["Range"])[0])
+                    said = f"bytes {first}-{first + 99}/{len(site.data)}"
+                    self.send(206, b"half", {"Content-Range": said, "Content-Length": "100"})
+                elif status != HANGS_UP:
                     self.send(status, b"no")
                 self.close_connection = True
 
@@ -56,11 +65,10 @@ class Site:
 
             def send(self, status: int, body: bytes, headers: dict[str, str] | None = None) -> None:
                 self.send_response(status)
-                self.send_header("Content-Length", str(len(body)))
-                if site.tag is not None:
-                    self.send_header("ETag", site.tag)
-                for name, value in (headers or {}).items():
-                    self.send_header(name, value)
+                fields = {"Content-Length": str(len(body)), "ETag": site.tag, **(headers or {})}
+                for name, value in fields.items():
+                    if value is not None:
+                        self.send_header(name, value)
                 self.end_headers()
                 try:
                     self.wfile.write(body)
@@ -86,6 +94,7 @@ def serving(data: bytes, **how: object) -> Iterator[Site]:
     try:
         yield site
     finally:
+        site.awake.set()
         server.shutdown()
         server.server_close()
         thread.join()

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from range_server import serving
+from range_server import BREAKS_OFF, HANGS_UP, IS_SILENT, serving
 from small_block_files import Paging, file_bytes, random_scene
 
 import gstream
@@ -131,8 +131,9 @@ def test_a_missing_file_is_a_usage_error_after_one_request():
     assert len(site.requests) == 1
 
 
-@pytest.mark.parametrize("status", [0, 429, 500, 503])
-def test_a_passing_failure_is_tried_three_times(status):
+@pytest.mark.parametrize("status", [HANGS_UP, IS_SILENT, BREAKS_OFF, 429, 500, 503])
+def test_a_passing_failure_is_tried_three_times(monkeypatch, status):
+    monkeypatch.setattr(remote, "SILENCE_SECONDS", 0.3)
     with serving(SMALL, failures=[status] * 2) as site, gstream.open(site.url) as file:
         assert file.levels > 1
         assert len(site.requests) == 3
@@ -146,6 +147,24 @@ def test_a_failure_that_stays_is_a_usage_error_at_first_and_later_one_to_run_aga
             site.failures += [503] * 3
             with pytest.raises(StoppedError, match=r"broke off: 503 .*; run the same command"):
                 file.block(0, some_place(0)).words()
+
+
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [
+        (HANGS_UP, "Server disconnected"),
+        (IS_SILENT, "no answer in time"),
+        (BREAKS_OFF, "not completed"),
+    ],
+    ids=["hangs up", "is silent", "breaks off"],
+)
+def test_a_server_that_stops_answering_is_one_line(monkeypatch, status, said):
+    monkeypatch.setattr(remote, "SILENCE_SECONDS", 0.1)
+    with serving(LARGE) as site, gstream.open(site.url) as file:
+        site.failures += [status] * 6  # the session tries twice on a connection that was used
+        with pytest.raises(StoppedError, match=f"reading broke off: .*{said}") as caught:
+            file.block(0, some_place(0)).words()
+    assert "\n" not in str(caught.value)
 
 
 def test_a_port_where_nobody_listens_is_a_usage_error_in_one_line():
