@@ -198,7 +198,7 @@ class _Layout:
             entries[name] = source[name]
         offsets, end = payload_offsets(entries, self.columns, int(self.begins[page]))
         for column, place in zip(self.columns, offsets.T, strict=True):
-            entries[column.name]["offset"] = place
+            entries[column.field]["offset"] = place
         return entries, source, end
 
     def head(

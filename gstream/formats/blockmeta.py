@@ -2,9 +2,10 @@
 
 import json
 from collections.abc import Mapping
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 
 from gstream.errors import CorruptFileError
+from gstream.formats.framing import parse_object
 
 MAX_META_BYTES: Final = 12 << 10
 
@@ -17,19 +18,15 @@ def meta_bytes(metadata: Mapping[str, Any]) -> bytes:
     return text.encode()
 
 
-def _refuse_constant(text: str) -> NoReturn:
-    raise ValueError(f"{text} is no JSON")
-
-
 def parse_metadata(data: bytes, at: int, path: str) -> dict[str, Any]:
     """The META object; units, up and crs are strings or null, the ledger is an object."""
-    metadata: Any = None
+    metadata: dict[str, Any] | None = None
     if len(data) <= MAX_META_BYTES:
         try:
-            metadata = json.loads(data.decode(), parse_constant=_refuse_constant)
-        except (ValueError, RecursionError) as error:
+            metadata = parse_object(data)
+        except ValueError as error:
             raise CorruptFileError("GSB-0205", path, at, "the metadata is no UTF-8 JSON") from error
-    if not isinstance(metadata, dict) or not isinstance(metadata.get("ledger"), dict):
+    if metadata is None or not isinstance(metadata.get("ledger"), dict):
         said = f"the metadata is no JSON object of at most {MAX_META_BYTES} bytes with a ledger"
         raise CorruptFileError("GSB-0205", path, at, said)
     for name in ("units", "up", "crs"):

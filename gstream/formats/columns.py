@@ -57,6 +57,11 @@ class ColumnSpec:
     candidates: tuple[int, ...]  # filters that a writer tries; the first wins a tie
 
     @property
+    def field(self) -> str:
+        """Its record in a directory entry; an unknown column may have the name of any field."""
+        return self.name if self.id in COLUMN_IDS else f"column {self.id}"
+
+    @property
     def dtype(self) -> np.dtype[np.unsignedinteger]:
         """Little-endian unsigned type of one item."""
         return UNSIGNED[self.item_bytes]

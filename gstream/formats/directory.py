@@ -65,7 +65,7 @@ COLUMN_DTYPE: Final = np.dtype(
 
 
 def entry_dtype(columns: Sequence[ColumnSpec]) -> np.dtype[Any]:
-    """One directory entry: 24 bytes, then a 32-byte record under each column's name."""
+    """One directory entry: 24 bytes, then a 32-byte record under each column's `field`."""
     fields: list[Any] = [
         ("key", "<u8"),  # Morton code of the block within its level
         ("count", "<u4"),  # voxels
@@ -77,7 +77,7 @@ def entry_dtype(columns: Sequence[ColumnSpec]) -> np.dtype[Any]:
         ("high", "u1", 3),
         ("zero", "u1", 2),
     ]
-    return np.dtype(fields + [(column.name, RECORD_DTYPE) for column in columns])
+    return np.dtype(fields + [(column.field, RECORD_DTYPE) for column in columns])
 
 
 def pile_dtype(columns: Sequence[ColumnSpec]) -> np.dtype[Any]:
@@ -87,7 +87,7 @@ def pile_dtype(columns: Sequence[ColumnSpec]) -> np.dtype[Any]:
     """
     entry = entry_dtype(columns)
     fields: list[Any] = [(name, entry[name]) for name in entry.names or ()]
-    hashes = np.dtype([(column.name, "<u8") for column in columns])
+    hashes = np.dtype([(column.field, "<u8") for column in columns])
     return np.dtype([*fields, ("hash", hashes), ("pile", "<u4")])
 
 
@@ -143,7 +143,7 @@ def page_starts(rows: Rows, capacity: int = PAGE_ENTRIES) -> NDArray[np.int64]:
 
 def stacked(records: Rows, columns: Sequence[ColumnSpec], field: str | None = None) -> NDArray[Any]:
     """One value per row and column, of a column record's field or of a field itself."""
-    names = [column.name for column in columns]
+    names = [column.field for column in columns]
     return np.stack([records[n][field] if field else records[n] for n in names], axis=1)
 
 

@@ -1,10 +1,13 @@
-"""What our file formats share: magics, the CRC, raw LZ4 blocks and the limits on unpacking.
+"""What our file formats share: magics, the CRC, raw LZ4 blocks, JSON, and their limits.
 
 Nothing here knows a field of any format. Source of the limits: formats.md, "Both files".
 """
 
+import json
 import zlib
-from typing import Final
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any, Final, NoReturn
 
 import lz4.block
 
@@ -18,6 +21,7 @@ PILE_MAGIC: Final = b"\x89GSP 1.0\r\n\x1a\n"
 
 MAX_RAW: Final = 64 << 20  # bytes that one stored part may unpack to
 LZ4_RATIO: Final = 255  # one byte of an LZ4 block stands for at most 255 bytes
+MAX_JSON_DEPTH: Final = 64  # objects and arrays in each other
 LZ4_SLACK: Final = 64  # bytes, for the first token and the last literals
 
 CODEC_RAW: Final = 0
@@ -65,3 +69,53 @@ def decompress(data: Buffer, raw_bytes: int, rule: str, path: str, at: int) -> b
         said = f"the LZ4 block unpacks to {len(unpacked)} bytes, not {raw_bytes}"
         raise CorruptFileError(rule, path, at, said)
     return bytes(unpacked)
+
+
+def parse_object(data: bytes) -> dict[str, Any]:
+    """The object that a UTF-8 JSON text is.
+
+    errors: ValueError for anything else, and for what readers disagree about or choke on: a key
+    that stands twice, a number beyond binary64, half a surrogate pair, nesting above MAX_JSON_DEPTH
+    """
+    try:
+        value = json.loads(
+            data.decode(),
+            object_pairs_hook=_unique,
+            parse_float=_finite,
+            parse_constant=_no_constant,
+        )
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+    if not isinstance(value, dict):
+        raise ValueError("no JSON object")  # noqa: TRY004
+    level: list[Any] = [value]
+    for _ in range(MAX_JSON_DEPTH):
+        level = [child for node in level for child in _children(node)]
+    if level:
+        raise ValueError("nested too deep")
+    if b"\\u" in data:
+        json.dumps(value, ensure_ascii=False).encode()  # UnicodeEncodeError is a ValueError
+    return value
+
+
+def _unique(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise ValueError("a key stands twice")
+    return found
+
+
+def _finite(text: str) -> float:
+    if not isfinite(float(text)):
+        raise ValueError(f"{text} is beyond binary64")
+    return float(text)
+
+
+def _no_constant(text: str) -> NoReturn:
+    raise ValueError(f"{text} is no JSON")
+
+
+def _children(node: Any) -> Sequence[Any]:
+    if isinstance(node, dict):
+        return list(node.values())
+    return node if isinstance(node, list) else ()

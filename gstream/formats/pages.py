@@ -189,7 +189,7 @@ def check_entries(rows: Rows, head: Head, path: str, at: int) -> None:
         filled |= stacked(rows, head.columns, field).any(axis=1)
     refuse("GSB-0308", empty & filled, "is empty and yet has voxels, bounds or columns")
     for column in head.columns:
-        bad = ~empty & _impossible(rows[column.name], head.body)
+        bad = ~empty & _impossible(rows[column.field], head.body)
         refuse("GSB-0311", bad, f"has an impossible record of column {column.name}")
 
 

@@ -40,7 +40,7 @@ def rows_from_bytes(data: bytes, columns: Sequence[ColumnSpec]) -> Rows:
 
 def block_range(row: np.void, columns: Sequence[ColumnSpec]) -> tuple[int, int]:
     """Offset and length of the run of a pile that holds all stored columns of a block."""
-    stored = [row[c.name] for c in columns if row[c.name]["stored"]]
+    stored = [row[c.field] for c in columns if row[c.field]["stored"]]
     if not stored:
         return 0, 0
     first = min(int(r["offset"]) for r in stored)

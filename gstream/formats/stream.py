@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gstream.errors import CorruptFileError, UnsupportedError
 from gstream.formats import stream_filters
-from gstream.formats.framing import STREAM_MAGIC, crc32
+from gstream.formats.framing import STREAM_MAGIC, crc32, parse_object
 from gstream.formats.stream_chunk import (
     COLOUR,
     HEAD_READ,
@@ -114,16 +114,9 @@ def as_json(value: Mapping[str, Any]) -> bytes:
 
 def parse_json(data: bytes, rule: str, path: str, at: int, what: str) -> dict[str, Any]:
     try:
-        value = json.loads(data.decode("utf-8"), parse_constant=_no_constant)
-    except (ValueError, RecursionError) as error:
-        raise CorruptFileError(rule, path, at, f"{what} is not JSON") from error
-    if not isinstance(value, dict):
-        raise CorruptFileError(rule, path, at, f"{what} is not a JSON object")
-    return value
-
-
-def _no_constant(word: str) -> None:
-    raise ValueError(f"{word} is not JSON")
+        return parse_object(data)
+    except ValueError as error:
+        raise CorruptFileError(rule, path, at, f"{what} is not a JSON object") from error
 
 
 class StreamWriter:
