@@ -1,7 +1,7 @@
 /** Head and tail of a block file: their fixed fields. The tables are in tables.mjs. Spec: section 3. */
 
 import { CorruptFileError, UnsupportedError } from './errors.mjs';
-import { LIMIT, u64, viewOf, zeros } from './bytes.mjs';
+import { u64, viewOf, zeros } from './bytes.mjs';
 import { crc32 } from './crc.mjs';
 import {
   parseColumns,
@@ -137,7 +137,6 @@ function identified(data) {
   }
   const fileBytes = u64(view, 32);
   if (fileBytes < length + TAIL_BYTES) throw cut(32, `the file cannot have ${fileBytes} bytes`);
-  if (fileBytes >= LIMIT) throw new UnsupportedError('the file is longer than 2^53 bytes');
   return bytes;
 }
 

@@ -11,7 +11,7 @@
  */
 
 import { CorruptFileError, UnsupportedError } from './errors.mjs';
-import { fromMorton, toMorton } from './bytes.mjs';
+import { LIMIT, fromMorton, toMorton } from './bytes.mjs';
 import { checkRecord, decodeColumn } from './columns.mjs';
 import { crc32 } from './crc.mjs';
 import { DATA, Directory } from './directory.mjs';
@@ -39,6 +39,7 @@ export async function openBlockFile(from) {
     if (source.size !== undefined && source.size !== head.fileBytes) {
       throw cut(source.size, `the file has ${source.size} bytes, not ${head.fileBytes}`);
     }
+    if (head.fileBytes >= LIMIT) throw new UnsupportedError('the file is longer than 2^53 bytes');
     return new BlockFile(source, head, start.subarray(head.headBytes));
   } catch (error) {
     await source.close();

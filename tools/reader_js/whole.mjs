@@ -17,8 +17,8 @@ const OPENING_BYTES = 4 * 2 ** 20; // what the opening run should not exceed
 /**
  * Decode every column of every block, in the order of the directory; throws at the first broken rule.
  * @param {import('./reader.mjs').BlockFile} file
- * @param {(block: Block, name: string, values: Uint8Array | Uint16Array | Uint32Array) => void} visit
- * @returns {Promise<Set<string>>} columns of an unknown kind, codec or filter: only their CRC is checked
+ * @param {(block: Block, name: string, values: import('./columns.mjs').Values | null) => void} visit
+ *   called with null for a column of an unknown kind, codec or filter, of which only the CRC is checked
  */
 export async function readWhole(file, visit = () => {}) {
   const { head } = file;
@@ -26,11 +26,9 @@ export async function readWhole(file, visit = () => {}) {
   for (const section of head.sections) await checkSection(file, section);
   await checkBody(file);
   for (let level = 0; level + 1 < head.levels; level++) await checkFamilies(file, level);
-  const unknown = new Set();
   for (let level = head.levels - 1; level >= 0; level--) {
-    for await (const block of file.blocks(level)) await readBlock(block, visit, unknown);
+    for await (const block of file.blocks(level)) await readBlock(block, visit);
   }
-  return unknown;
 }
 
 async function checkSection(file, { type, offset, length, crc }) {
@@ -171,16 +169,12 @@ async function checkFamilies(file, level) {
   while (!done) await close();
 }
 
-async function readBlock(block, visit, unknown) {
+async function readBlock(block, visit) {
   for (const { name, bits } of block.file.head.columns) {
     await block.stored(name);
-    let values;
-    try {
-      values = await block.column(name);
-    } catch (error) {
-      if (!(error instanceof UnsupportedError)) throw error;
-      block.fetched.delete(name);
-      unknown.add(name);
+    const values = await columnOrNull(block, name);
+    if (values === null) {
+      visit(block, name, null);
       continue;
     }
     if (name === 'occupancy') checkPlaces(block, values);
@@ -189,6 +183,16 @@ async function readBlock(block, visit, unknown) {
       throw new CorruptFileError('GSB-0410', 0, said);
     }
     visit(block, name, values);
+  }
+}
+
+async function columnOrNull(block, name) {
+  try {
+    return await block.column(name);
+  } catch (error) {
+    if (!(error instanceof UnsupportedError)) throw error;
+    block.fetched.delete(name);
+    return null;
   }
 }
 

@@ -5,9 +5,12 @@ import { createServer } from 'node:http';
 
 const VECTORS = new URL('../../../spec/vectors/', import.meta.url);
 
-/** @param {'good' | 'bad'} kind */
-export function blockFiles(kind) {
-  return readdirSync(new URL(kind, VECTORS)).filter((name) => name.endsWith('.gsb'));
+/**
+ * @param {'good' | 'bad'} kind
+ * @param {'gsb' | 'gst'} format
+ */
+export function vectors(kind, format) {
+  return readdirSync(new URL(kind, VECTORS)).filter((name) => name.endsWith(`.${format}`));
 }
 
 /** @returns {Uint8Array} */
