@@ -3,9 +3,10 @@
 import os
 from typing import Any
 
-from gstream.errors import InputError, UsageError
+from gstream.errors import CorruptFileError, InputError, UsageError
 from gstream.formats.framing import BLOCK_MAGIC, STREAM_MAGIC
 from gstream.formats.stream import StreamReader
+from gstream.formats.stream_check import is_source
 from gstream.read import open_block_file
 from gstream.source import is_url
 
@@ -88,7 +89,10 @@ def _block_file(path: str) -> dict[str, Any]:
 
 def _stream(path: str) -> dict[str, Any]:
     stream = StreamReader(path)
-    sources = list(stream.totals.get("sources", []))
+    sources = stream.totals.get("sources")
+    if not isinstance(sources, list) or not all(map(is_source, sources)):
+        said = "the totals have no list of sources and counters"
+        raise CorruptFileError("GST-0209", path, stream.file_length, said)
     triangles = int(stream.chunks["triangles"].sum(dtype="int64"))
     return {
         "kind": "geometry stream",
@@ -100,7 +104,7 @@ def _stream(path: str) -> dict[str, Any]:
         "chunks": len(stream.chunks),
         "box": None if stream.box is None else [c for corner in stream.box for c in corner],
         "attributes": [a.name for a in stream.attributes],
-        "ledger": {name: sum(int(s.get(name, 0)) for s in sources) for name in LEDGER},
+        "ledger": {name: sum(s[name] for s in sources) for name in LEDGER},
         "sources": sources,
         "metadata": dict(stream.metadata),
     }

@@ -12,6 +12,7 @@ from gstream.run.commands import check_reading
 from . import options
 from .facts import facts
 from .progress import Blocks, watch
+from .shown import shown
 
 file_argument = click.argument("path", metavar="FILE")
 
@@ -34,7 +35,7 @@ def info(path: str, as_json: bool) -> None:
         click.echo(json.dumps(held, indent=1, allow_nan=False))
         return
     for name, value in _lines(held):
-        click.echo(f"{name:<16} {value}".rstrip())
+        click.echo(shown(f"{name:<16} {value}".rstrip()))
 
 
 @click.command()
@@ -59,9 +60,11 @@ def check(path: str, quick: bool, as_json: bool, quiet: bool) -> int:
         click.echo(json.dumps(report.as_dict(), indent=1))
     else:
         for finding in report.findings:
-            click.echo(f"{finding.rule} {finding.severity} {finding.place}: {finding.said}")
+            line = f"{finding.rule} {finding.severity} {finding.place}: {finding.said}"
+            click.echo(shown(line))
         how = ", structure and indexes" if quick else ""
-        click.echo(f"{path}: {report.format}{how}: {'valid' if report.ok else 'INVALID'}")
+        verdict = "valid" if report.ok else "INVALID"
+        click.echo(shown(f"{path}: {report.format}{how}: {verdict}"))
     if report.ok:
         return 0
     rules = ", ".join(sorted({f.rule for f in report.findings if f.severity == "error"}))

@@ -11,6 +11,8 @@ import click
 from gstream import __version__
 from gstream.errors import GstreamError, StoppedError, UsageError
 
+from .shown import shown
+
 COMMANDS = {  # command -> module of this package; imported when it is called
     "ingest": "convert",
     "voxelize": "convert",
@@ -100,5 +102,5 @@ def _fail(said: str, code: int) -> int:
     if os.environ.get("GSTREAM_DEBUG"):
         traceback.print_exc()
         print(getattr(sys.exception(), "trace", ""), file=sys.stderr, end="")  # a worker's
-    print(f"gstream: {said}", file=sys.stderr)
+    print(f"gstream: {shown(said)}", file=sys.stderr)
     return code
