@@ -1,6 +1,7 @@
 /**
  * `node conformance.mjs`: reads paths on standard input, one a line, and answers each with one line of
- * JSON: whether a reader accepts the file, the rules that it found broken, and what the file holds.
+ * JSON: whether a reader accepts the file, the rule that it found broken, and what the file holds.
+ * spec/conformance/README.md has the protocol.
  */
 
 import { open } from 'node:fs/promises';
@@ -87,7 +88,7 @@ async function isStream(path) {
 async function answer(path) {
   try {
     const content = (await isStream(path)) ? streamContent : blockFileContent;
-    return { valid: true, codes: [], levels: await content(path) };
+    return { valid: true, codes: [], content: { levels: await content(path) } };
   } catch (error) {
     if (error instanceof CorruptFileError) return { valid: false, codes: [error.rule] };
     if (error instanceof UnsupportedError) return { valid: false, codes: ['unsupported'] };
