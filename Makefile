@@ -8,7 +8,7 @@ READY := .venv/.ready
 
 export HYPOTHESIS_PROFILE
 
-.PHONY: demo test exact bounds lint bench clean
+.PHONY: demo test exact bounds lint spec bench clean
 .DEFAULT_GOAL := demo
 
 demo: $(READY)
@@ -35,6 +35,11 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict gstream cli
 	$(BIN)/lint-imports
+
+# What is written from the source: the table of rules, and what programs must answer of the vectors.
+spec: $(READY)
+	$(BIN)/python -m tests.conformance.rules_page
+	$(BIN)/python -m tests.conformance.expected_answers
 
 bench: $(READY)
 	$(BIN)/python -m tests.bench.bench_ingest
