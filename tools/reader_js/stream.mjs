@@ -3,8 +3,15 @@
 import { CorruptFileError, UnsupportedError } from './errors.mjs';
 import { u64, viewOf, zeros } from './bytes.mjs';
 import { crc32 } from './crc.mjs';
+import { parseObject } from './json.mjs';
 import { sourceOf } from './source.mjs';
-import { ATTRIBUTES, MAX_HEAD_BYTES, checkTriangles, decodeParts, parseChunkHead } from './stream_chunk.mjs';
+import {
+  ATTRIBUTES,
+  MAX_HEAD_BYTES,
+  checkTriangles,
+  decodeParts,
+  parseChunkHead,
+} from './stream_chunk.mjs';
 
 const MAGIC = [0x89, 0x47, 0x53, 0x54, 0x20, 0x31, 0x2e, 0x30, 0x0d, 0x0a, 0x1a, 0x0a];
 const VERSION = 1;
@@ -119,15 +126,8 @@ function parseAttribute(data, at) {
 }
 
 function parseJson(bytes, rule, at) {
-  let value;
-  try {
-    value = JSON.parse(new TextDecoder('utf-8', { fatal: true, ignoreBOM: true }).decode(bytes));
-  } catch {
-    value = null;
-  }
-  if (typeof value !== 'object' || value === null || Array.isArray(value)) {
-    throw new CorruptFileError(rule, at, 'this is no JSON object');
-  }
+  const value = parseObject(bytes);
+  if (value === undefined) throw new CorruptFileError(rule, at, 'this is no JSON object');
   return value;
 }
 

@@ -8,6 +8,7 @@
 
 import { CorruptFileError, UnsupportedError } from './errors.mjs';
 import { u64, viewOf, zeros } from './bytes.mjs';
+import { isObject, parseObject } from './json.mjs';
 
 export const TAIL_BYTES = 64;
 export const ROW_BYTES = 32; // of every table, and of a column record
@@ -184,20 +185,11 @@ export function parseMetadata({ at, bytes }) {
     throw new CorruptFileError('GSB-0205', at, said);
   };
   if (bytes.length > MAX_META_BYTES) refuse(`metadata of ${bytes.length} bytes`);
-  let metadata;
-  try {
-    metadata = JSON.parse(utf8(bytes));
-  } catch {
-    refuse('the metadata is no UTF-8 JSON');
-  }
-  if (!isObject(metadata) || !isObject(metadata.ledger)) refuse('the metadata has no ledger');
+  const metadata = parseObject(bytes);
+  if (!isObject(metadata?.ledger)) refuse('the metadata is no JSON object with a ledger');
   for (const name of ['units', 'up', 'crs']) {
     const value = Object.hasOwn(metadata, name) ? metadata[name] : null;
     if (value !== null && typeof value !== 'string') refuse(`${name} is no string`);
   }
   return metadata;
-}
-
-function isObject(value) {
-  return typeof value === 'object' && value !== null && !Array.isArray(value);
 }

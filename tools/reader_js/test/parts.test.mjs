@@ -6,6 +6,7 @@ import { test } from 'node:test';
 import { Blake2b } from '../blake2b.mjs';
 import { fromMorton, toMorton } from '../bytes.mjs';
 import { crc32 } from '../crc.mjs';
+import { parseObject } from '../json.mjs';
 import { unpackLz4 } from '../lz4.mjs';
 
 const text = (words) => new TextEncoder().encode(words);
@@ -57,4 +58,33 @@ test('an LZ4 match that reaches back before the beginning, or by nothing, is ref
   for (const back of [0, 2, 255]) {
     assert.equal(unpackLz4(new Uint8Array(BLOCK.with(2, back)), 25), null);
   }
+});
+
+test('a JSON object is read', () => {
+  const words = '{"a":[1,{"b":":\\"}"}],"__proto__":{"b":null},"c":"\\ud83d\\ude00"}';
+  assert.equal(JSON.stringify(parseObject(text(words))), words.replace('\\ud83d\\ude00', '😀'));
+  const deep = '{"a":' + '['.repeat(62) + ']'.repeat(62) + '}';
+  assert.notEqual(parseObject(text(deep)), undefined);
+});
+
+for (const [what, words] of [
+  ['an array', '[1]'],
+  ['null', 'null'],
+  ['a byte order mark', '\ufeff{}'],
+  ['NaN', '{"a":NaN}'],
+  ['a key twice', '{"a":1,"b":{"a":1,"a":2}}'],
+  ['a key twice, written otherwise', '{"a":1,"\\u0061":1}'],
+  ['a number beyond binary64', '{"a":[1e999]}'],
+  ['half a surrogate pair', '{"a":"\\ud800"}'],
+  ['half a surrogate pair in a key', '{"\\udc00":1}'],
+  ['64 levels', '{"a":' + '['.repeat(64) + ']'.repeat(64) + '}'],
+  ['a million levels', '{"a":' + '['.repeat(1e6) + ']'.repeat(1e6) + '}'],
+]) {
+  test(`JSON with ${what} is refused`, () => {
+    assert.equal(parseObject(text(words)), undefined);
+  });
+}
+
+test('JSON that is not UTF-8 is refused', () => {
+  assert.equal(parseObject(new Uint8Array([0x7b, 0x22, 0xff, 0x22, 0x3a, 0x31, 0x7d])), undefined);
 });
