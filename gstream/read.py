@@ -157,8 +157,7 @@ class BlockFile:
         return self.read_range(offset, length)
 
     def _load_siblings(self, entry: Any) -> None:
-        first = int(entry["key"]) & ~7
-        rows = self.directory.between(int(entry["level"]), first, first + 7)
+        rows = self.directory.siblings(int(entry["level"]), int(entry["key"]))
         stored = stacked(rows, self.head.columns, "stored")
         there = stored > 0
         offsets = stacked(rows, self.head.columns, "offset")[there]

@@ -131,6 +131,12 @@ class Directory:
                 parts.append(page[(ranks >= low) & (ranks <= high)])
         return np.concatenate(parts)
 
+    def siblings(self, level: int, key: int) -> Rows:
+        """The entries of a block that is there and of its siblings: they are on its page."""
+        page = self.page(self._page_at(rank(level, key)))
+        alike: Rows = page[(page["level"] == level) & (page["key"] >> np.uint64(3) == key >> 3)]
+        return alike
+
     def find(self, level: int, key: int) -> Any | None:
         """The entry of one block, or None; at most one table page and one page are read."""
         wanted = rank(level, key)

@@ -19,7 +19,7 @@ from gstream_cli import main
 pytest.importorskip("aiohttp", reason="the extra [remote] is not installed")
 fsspec = pytest.importorskip("fsspec", reason="the extra [remote] is not installed")
 
-SCENE = random_scene(64, 3, 4000, seed=5)
+SCENE = random_scene(128, 3, 1500, seed=5)  # sparse: first siblings are missing
 LARGE = file_bytes(SCENE, paging=Paging(64))  # 19 pages, 7 times what the first request reads
 SMALL = file_bytes(random_scene(seed=9))
 
@@ -30,11 +30,15 @@ def no_waiting(monkeypatch):
 
 
 def some_blocks():
-    """(level, place) of every 23rd block of each level, and of each level's last one."""
+    """(level, place) of every 23rd block of each level, and of the first and last of each page."""
     with open_block_file(LARGE) as file:
         for level in range(file.levels):
-            places = [view.place for view in file.blocks(level)]
-            yield from ((level, place) for place in [*places[:-1:23], places[-1]])
+            views = list(file.blocks(level))
+            ends = set()
+            for number in file.directory.pages_of(level):
+                ends |= {int(key) for key in file.directory.page(number)["key"][[0, -1]]}
+            yield from ((level, v.place) for v in views[::23])
+            yield from ((level, v.place) for v in views if v.key in ends)
 
 
 def test_the_first_picture_takes_two_requests_and_of_a_small_file_one():
@@ -81,15 +85,6 @@ def some_place(level):
     return next(place for at, place in some_blocks() if at == level)
 
 
-def another_scene():
-    """The bytes of LARGE with one colour changed: equal length, another content id."""
-    blocks = dict(SCENE.blocks)
-    last = max(key for level, key in blocks if level == 0)
-    colour = blocks[0, last].colour[::-1].copy()
-    blocks[0, last] = replace(blocks[0, last], colour=colour)
-    return file_bytes(replace(SCENE, blocks=blocks), paging=Paging(64))
-
-
 @pytest.mark.parametrize("tag", ['"second"', None], ids=["entity tag", "no entity tag"])
 def test_a_changed_file_behind_the_url_is_noticed(tag):
     with serving(LARGE, tag=tag and '"first"') as site, gstream.open(site.url) as file:
@@ -101,11 +96,10 @@ def test_a_changed_file_behind_the_url_is_noticed(tag):
 
 
 def test_a_changed_file_of_equal_length_without_a_tag_is_noticed_by_its_content_id():
-    changed = bytearray(another_scene())
-    changed += bytes(max(0, len(LARGE) - len(changed)))
+    other = file_bytes(random_scene(128, 3, 1500, seed=6), paging=Paging(64))
     with serving(LARGE, tag=None) as site, gstream.open(site.url) as file:
         list(file.blocks(file.levels - 1))
-        site.data = bytes(changed[: len(LARGE)])
+        site.data = other[: len(LARGE)].ljust(len(LARGE), b"\0")
         with pytest.raises(StoppedError, match="is no longer the file that was opened"):
             for view in file.blocks(0):
                 view.words()
@@ -200,10 +194,10 @@ def test_without_fsspec_the_error_says_what_to_install(monkeypatch):
 
 
 def test_info_check_and_preview_take_a_url(capsys, tmp_path):
-    with serving(LARGE) as site:
+    with serving(SMALL) as site:
         assert main.status(["info", site.url, "--json"]) == 0
         held = json.loads(capsys.readouterr().out)
-        assert (held["bytes"], held["path"], len(site.requests)) == (len(LARGE), site.url, 1)
+        assert (held["bytes"], held["path"], len(site.requests)) == (len(SMALL), site.url, 1)
         assert main.status(["check", "--quick", site.url]) == 0
         assert "block file, structure and indexes: valid" in capsys.readouterr().out
         assert main.status(["check", "-q", site.url]) == 0
