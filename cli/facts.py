@@ -1,8 +1,12 @@
-"""What a file of ours says of itself, as JSON values: from its head and directories alone."""
+"""What a file of ours says of itself, as JSON values: from its head and directories alone.
+
+Digests of what it holds are gstream/digests.py's, which reads everything.
+"""
 
 import os
 from typing import Any
 
+from gstream.digests import block_file_content, stream_content
 from gstream.errors import CorruptFileError, InputError, UsageError
 from gstream.formats.framing import BLOCK_MAGIC, STREAM_MAGIC
 from gstream.formats.stream import StreamReader
@@ -34,11 +38,16 @@ def kind_of(path: str) -> str:
     raise InputError(path, "byte 0", "neither a block file nor a geometry stream", remedy)
 
 
-def facts(path: str) -> dict[str, Any]:
-    """Header, levels, columns, metadata and ledger of a block file; the like of a stream."""
-    if kind_of(path) == "block file":
-        return _block_file(path)
-    return _stream(path)
+def facts(path: str, digests: bool = False) -> dict[str, Any]:
+    """Header, levels, columns, metadata and ledger of a block file; the like of a stream.
+
+    digests : add `content`, for which all of the file is read (spec/conformance/README.md)
+    """
+    is_stream = kind_of(path) == "geometry stream"
+    held = _stream(path) if is_stream else _block_file(path)
+    if digests:
+        held["content"] = stream_content(path) if is_stream else block_file_content(path)
+    return held
 
 
 def _block_file(path: str) -> dict[str, Any]:

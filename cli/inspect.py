@@ -19,18 +19,20 @@ file_argument = click.argument("path", metavar="FILE")
 
 @click.command()
 @file_argument
+@click.option("--digests", is_flag=True, help="Decode everything; add a digest of each column.")
 @options.as_json
-def info(path: str, as_json: bool) -> None:
+def info(path: str, digests: bool, as_json: bool) -> None:
     """Say what a file holds.
 
-    Reads head and directories alone, of a block file or a geometry stream.
+    Reads head and directories alone, of a block file or a geometry stream, but for --digests.
 
     \b
     gstream info scan.gsb
     gstream info scan.gst --json
+    gstream info scan.gsb --digests
     gstream info https://example.org/scan.gsb
     """
-    held = facts(path)
+    held = facts(path, digests)
     if as_json:
         click.echo(json.dumps(held, indent=1, allow_nan=False))
         return
@@ -136,6 +138,10 @@ def _lines(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
                 yield f"level {level['level']}", f"{counts} of {level['block_edge']}^3"
         elif name == "columns":
             yield label, ", ".join(f"{c['name']} {c['components']}x{c['bits']}" for c in value)
+        elif name == "content":
+            for level in value["levels"]:
+                for column, digest in level["columns"].items():
+                    yield f"digest {level['level']}", f"{column} {_text(digest)}"
         elif name == "sources":
             for source in value:
                 yield "source", _pairs(source)
