@@ -3,12 +3,13 @@
 
 PYTHON ?= python3
 HYPOTHESIS_PROFILE ?= ci
+MUTANTS ?= 1000000
 BIN := .venv/bin
 READY := .venv/.ready
 
 export HYPOTHESIS_PROFILE
 
-.PHONY: demo test exact bounds lint spec bench clean
+.PHONY: demo test exact fuzz bounds lint spec bench clean
 .DEFAULT_GOAL := demo
 
 demo: $(READY)
@@ -25,6 +26,10 @@ test: $(READY)
 # The exact tests with their long part: solids flooded at 512^3, a block full to the last voxel.
 exact: $(READY)
 	$(BIN)/python -m pytest tests/exact -m "long or not long"
+
+# Hostile files: the bombs, and a million damaged ones or as many as MUTANTS says.
+fuzz: $(READY)
+	MUTANTS=$(MUTANTS) $(BIN)/python -m pytest tests/fuzz -s -m "long or not long"
 
 # Index checks in every kernel; slow, as all kernels are compiled anew (tests/conftest.py says why).
 bounds: $(READY)

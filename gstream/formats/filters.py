@@ -21,6 +21,8 @@ XOR_BIT_PLANES: Final = 4
 GREEN_DELTA_BIT_PLANES: Final = 5
 FILTERS: Final = range(6)
 
+PIECE: Final = 1 << 18  # octree nodes that are expanded at once: 16 MB of indices at most
+
 _TRANSPOSE: Final = (
     (np.uint64(7), np.uint64(0x00AA00AA00AA00AA)),
     (np.uint64(14), np.uint64(0x0000CCCC0000CCCC)),
@@ -150,15 +152,19 @@ def count_leaves(masks: Bytes, log2_edge: int) -> int:
 
 def decode_occupancy(masks: Bytes, log2_edge: int, count: int) -> Codes:
     """Undo encode_occupancy; masks: count_leaves gave count. Returns (count,) u32."""
-    set_bits = np.flatnonzero(np.unpackbits(masks, bitorder="little").view(np.bool_))
-    parents = set_bits >> 3  # breadth-first: set bit k is node k + 1, the root is node 0
-    codes = np.zeros(set_bits.size + 1, np.uint32)
-    codes[1:] = set_bits & 7
-    end = 1
+    codes = np.zeros(1, np.uint32)
     for _ in range(log2_edge):
-        begin, end = end, 1 + int(np.searchsorted(parents, end))
-        codes[begin:end] |= codes[parents[begin - 1 : end - 1]] << np.uint32(3)
-    return codes[codes.size - count :]
+        level, masks = masks[: codes.size], masks[codes.size :]
+        cuts = range(0, codes.size, PIECE)
+        pieces = [_children(codes[at : at + PIECE], level[at : at + PIECE]) for at in cuts]
+        codes = np.concatenate(pieces) if len(pieces) > 1 else pieces[0]
+    return codes
+
+
+def _children(nodes: Codes, masks: Bytes) -> Codes:
+    """Codes of the children that masks name, one mask a node."""
+    bits = np.flatnonzero(np.unpackbits(masks, bitorder="little").view(np.bool_)).astype(np.uint32)
+    return nodes[bits >> 3] << np.uint32(3) | bits & 7
 
 
 def _to_bit_planes(planar: Ints, bits: int) -> Bytes:

@@ -94,8 +94,8 @@ def encode_occupancy(morton: NDArray[np.uint32], log2_edge: int) -> NDArray[np.u
 
 def decode_occupancy(masks: NDArray[np.uint8], log2_edge: int, count: int) -> NDArray[np.uint32]:
     """Turn checked octree child masks back into local codes; see formats/filters.py."""
-    nodes = np.empty((2, count + 8), np.uint32)
-    return nodes[unfold_octree(masks, log2_edge, nodes), :count]
+    nodes = np.empty(count + 8, np.uint32), np.empty(count + 8, np.uint32)
+    return nodes[unfold_octree(masks, log2_edge, nodes)][:count]
 
 
 def warm() -> None:
@@ -391,12 +391,12 @@ def unfold_octree(masks, log2_edge, nodes):
     """Expand octree child masks into ascending local codes.
 
     masks  : (m,) u8   checked: a tree of `count` leaves, no mask 0
-    nodes  : (2, count + 8) u32   two buffers; eight children are written where fewer count
+    nodes  : 2 x (count + 8,) u32   two buffers; eight children are written where fewer count
     returns: int   the buffer that holds the leaves
     errors : none here; formats/columns.py check_occupancy ran
     source : spec, "Occupancy"
     """
-    nodes[0, 0] = 0
+    nodes[0][0] = 0
     level = np.uint64(1)
     at = ZERO
     source = 0
