@@ -137,7 +137,8 @@ class BlockFile:
 
     def read_range(self, offset: int, length: int) -> bytes:
         """Exactly `length` bytes; a shorter read means a truncated file (GSB-0102)."""
-        if self._ranges.distant and offset + length <= self.head.head_bytes + self._opening_bytes:
+        begin, end = self.head.head_bytes, self.head.head_bytes + self._opening_bytes
+        if self._ranges.distant and begin <= offset and offset + length <= end:
             self.load_opening()
         return self._ranges.read(offset, length)
 
