@@ -5,20 +5,18 @@ It reads no expected verdict: gstream, `gstream check` and the reference decoder
 
 import json
 import os
-import random
 import subprocess
 from collections.abc import Sequence
 from hashlib import blake2b
 from pathlib import Path
 from runpy import run_path
 from typing import Any
-from zlib import crc32
 
 import pytest
-from damaged_block_files import Patch
 from node import node
 from small_block_files import Paging, file_bytes, random_scene
 
+from fuzz.mutants import mutant
 from gstream.check import check_file
 from gstream.errors import CorruptFileError, UnsupportedError
 from gstream.formats.findings import ERROR
@@ -34,7 +32,7 @@ NOT_A_READERS = {  # notes; levels recomputed; content id; ledger; descriptors o
     "GSB-0412", "GSB-0503", "GSB-0504", "GSB-0505", "GSB-0506", "GSB-0507", "GSB-0508",
     "GSB-0509", "GSB-0601", "GSB-0602", "GSB-0603", "GST-0118", "GST-0210", "GST-0213",
 }  # fmt: skip
-MUTANTS = 300
+MUTANTS = 500
 
 
 @pytest.fixture(scope="module")
@@ -161,36 +159,24 @@ def test_a_bad_vector_is_refused_by_a_rule_that_check_finds_broken(path, answers
         assert path.stem == "GST-0001" or set(answer["codes"]) <= broken_rules(path)
 
 
-def mutant(rng: random.Random) -> bytes:
-    """A good block file with one or two bytes changed and every CRC made right again."""
-    path = rng.choice([path for path in GOOD if path.suffix == ".gsb" and "table" not in path.stem])
-    patch = Patch(path.read_bytes())
-    if patch.data[236] != 1 or not len(patch.page_records):
-        return bytes(patch.data)
-    for _ in range(rng.choice((1, 1, 2))):
-        at = rng.randrange(12, len(patch.data) - 64)
-        patch.at(at, bytes([rng.choice((0, 1, 64, 128, 255, patch.data[at] ^ 1 << at % 8))]))
-    stored = [record for column in patch.columns for record in patch.entries[column.name]]
-    for record in stored:
-        begin, end = int(record["offset"]), int(record["offset"]) + int(record["stored"])
-        if begin < end <= len(patch.data):
-            record["crc"] = crc32(patch.data[begin:end])
-    return patch.sealed()
-
-
 @pytest.fixture(scope="module")
 def mutants(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, dict[str, Any]]:
-    """What the reader says of files that were changed and sealed again."""
-    folder, rng = tmp_path_factory.mktemp("mutants"), random.Random(0)
-    paths = [folder / f"{number}.gsb" for number in range(MUTANTS)]
-    for path in paths:
-        path.write_bytes(mutant(rng))
+    """What the reader says of damaged files, most of them with their checksums made right."""
+    folder = tmp_path_factory.mktemp("mutants")
+    paths = []
+    for number in range(MUTANTS):
+        data = mutant(number).data
+        paths.append(folder / f"{number}{'.gst' if data[1:4] == b'GST' else '.gsb'}")
+        paths[-1].write_bytes(data)
     return dict(zip(paths, answers_to(paths), strict=True))
 
 
 def test_of_mutants_the_reader_refuses_those_that_check_finds_broken_and_no_others(mutants) -> None:
+    # Of totals the reader looks at the JSON only; an unknown part spoils no other for it.
+    left_to_check = NOT_A_READERS | {"GST-0209", "unsupported"}
     for path, answer in mutants.items():
-        assert answer["valid"] == (not broken_rules(path) - NOT_A_READERS), (path, answer)
+        broken = broken_rules(path)
+        assert broken <= left_to_check if answer["valid"] else broken, (path, answer)
 
 
 def test_what_the_reader_accepts_of_mutants_the_reference_decoder_reads_alike(mutants) -> None:
