@@ -112,8 +112,8 @@ def stream(data):  # (0, counts, {attribute: (components, n) values}) of each ch
     length, end, size, *crcs, magic = struct.unpack("<QQQI4sI12s", data[-48:])
     need(magic == data[:12] and length == len(data) == end + size + 48, "GST-0201")
     need(crcs == [crc32(data[end:-48]), data[at : at + 4], crc32(data[-48:-16])], "GST-0202")
-    magic, count, text = struct.unpack_from("<4sII", data, end)
-    need(magic == b"GDIR" and size == 16 + 72 * count + text, "GST-0206")
+    magic, count, text, zero = struct.unpack_from("<4sIII", data, end)
+    need((magic, zero, size) == (b"GDIR", 0, 16 + 72 * count + text), "GST-0206")
     for row in range(end + 16, end + 16 + 72 * count, 72):
         begin, at = at + 4, at + int.from_bytes(data[row + 8 : row + 12], "little")
         need(int.from_bytes(data[row : row + 8], "little") == begin and at + 4 <= end, "GST-0208")
