@@ -27,7 +27,7 @@ DECODED = ("read", "GSB-04", "GST-01")  # outcomes that take decoding: the rest 
 ALLOCATION = 65 << 20  # bytes that no single allocation may exceed, or four times the file
 
 
-class HangError(Exception):
+class HangError(TimeoutError):
     """A reader took longer than SECONDS."""
 
 
