@@ -167,6 +167,16 @@ def test_normals_of_other_bits_are_compared_as_directions(compare):
     assert abs(column.largest - max(angles)) < 1e-3
 
 
+def test_equal_bytes_for_other_voxels_are_compared_voxel_by_voxel(compare):
+    scene = random_scene(8, 3, 40, lod=False)
+    (block,) = scene.blocks.values()
+    columns = {name: getattr(block, name)[:3] for name in ALL[1:]}
+    a, b = (Block(np.arange(n, n + 3, dtype=np.uint32), **columns) for n in (0, 1))
+    level = compare(*(replace(scene, blocks={(0, 0): one}) for one in (a, b))).levels[0]
+    assert (level.voxels, level.only) == ([3, 3], [1, 1])
+    assert level.columns["weight"].differing == 2  # three weights, one voxel further on
+
+
 def test_a_column_of_one_file_alone_is_a_difference_and_named(compare):
     found = compare(file_bytes(SCENE), file_bytes(SCENE, kept=ALL[:4]))
     assert not found.equal

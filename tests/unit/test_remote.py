@@ -97,6 +97,13 @@ def test_a_changed_file_behind_the_url_is_noticed(tag):
                 view.words()
 
 
+def test_another_entity_tag_is_another_file_whatever_its_bytes():
+    with serving(LARGE) as site, gstream.open(site.url) as file:
+        site.tag = '"second"'
+        with pytest.raises(StoppedError, match="is no longer the file that was opened"):
+            file.block(0, some_place(0)).words()
+
+
 def test_a_changed_file_of_equal_length_without_a_tag_is_noticed_by_its_content_id():
     other = file_bytes(random_scene(128, 3, 1500, seed=6), paging=Paging(512))
     with serving(LARGE, tag=None) as site, gstream.open(site.url) as file:
