@@ -164,7 +164,8 @@ def decode_occupancy(masks: Bytes, log2_edge: int, count: int) -> Codes:
 def _children(nodes: Codes, masks: Bytes) -> Codes:
     """Codes of the children that masks name, one mask a node."""
     bits = np.flatnonzero(np.unpackbits(masks, bitorder="little").view(np.bool_)).astype(np.uint32)
-    return nodes[bits >> 3] << np.uint32(3) | bits & 7
+    children: Codes = nodes[bits >> 3] << np.uint32(3) | bits & 7
+    return children
 
 
 def _to_bit_planes(planar: Ints, bits: int) -> Bytes:
