@@ -18,16 +18,23 @@ from gstream.formats.directory import STATE_DATA, Rows, group_starts
 from gstream.formats.filters import encode_occupancy
 from gstream.formats.findings import ERROR, NOTE, Finding
 from gstream.formats.lodrule import Reduced, canonical_normals, reduce_runs
+from gstream.formats.morton import decode_morton
 from gstream.read import BlockFile, BlockView
 
 Progress = Callable[[int, int], None]  # blocks checked, blocks in all
 
+PIECE: Final = 1 << 20  # voxels; a block of 256^3 has 16 times as many, and 64-bit copies of none
 LOD_RULES: Final = (
     ("GSB-0504", "mask"),
     ("GSB-0505", "normal"),
     ("GSB-0506", "colour"),
     ("GSB-0507", "weight"),
 )
+
+
+def _pieces(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """The rows of an array, at most PIECE at once."""
+    return (values[at : at + PIECE] for at in range(0, len(values), PIECE))
 
 
 def broken(error: CorruptFileError) -> Finding:
@@ -110,8 +117,9 @@ class Content:
 
     def _places(self, view: BlockView) -> Iterator[Finding]:
         place = f"level {view.level}, block {view.key}"
-        positions = view.positions() - view.corner.astype(np.uint32)
-        low, high = positions.min(axis=0), positions.max(axis=0)
+        pieces = map(decode_morton, _pieces(view.column("occupancy")))
+        bounds = np.array([(piece.min(axis=0), piece.max(axis=0)) for piece in pieces])
+        low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
         if (low != view.low).any() or (high != view.high).any():
             said = f"the bounds {view.low}-{view.high} are not the voxels' {low}-{high}"
             yield Finding("GSB-0501", ERROR, place, said)
@@ -126,7 +134,8 @@ class Content:
             wrong["mask"] = bool(((view.mask == 0) | (view.mask > 63)).any())
         if self._readable("normal"):
             bits = self.file.specs["normal"].bits
-            wrong["normal"] = not canonical_normals(view.normal_codes, bits).all()
+            pieces = _pieces(view.normal_codes)
+            wrong["normal"] = not all(canonical_normals(piece, bits).all() for piece in pieces)
         if self._readable("weight"):
             wrong["weight"] = bool((view.weight == 0).any())
         for name, bad in wrong.items():

@@ -28,7 +28,8 @@ from small_block_files import IDENTITY, Alter, Paging, Scene, file_bytes, leave,
 
 from fuzz.anatomy import dissect, number
 from gstream.formats.blockhead import BlockFileHeader
-from gstream.formats.columns import Block, EncodedColumn
+from gstream.formats.columns import Block, EncodedColumn, column_specs
+from gstream.formats.directory import Rows
 from gstream.formats.framing import CODEC_CONSTANT, CODEC_LZ4
 
 U32, U63, U64 = 2**32 - 1, 2**63, 2**64 - 1
@@ -160,22 +161,21 @@ def named(name: bytes, id_: int = 900) -> Callable[[], bytes]:
     return make
 
 
-def one_voxel(alter: Alter = leave) -> Patch:
-    """A file of one voxel in one block of 256^3, of which only the octree is no constant."""
+def claiming_all(alter: Alter = leave) -> Patch:
+    """One voxel in a block of 256^3 that claims all 2^24; all but the octree are constants."""
     header = BlockFileHeader(256, 12, 1, 8, IDENTITY, (0.0,) * 3 + (256.0,) * 3)
     block = Block(
         np.zeros(1, np.uint32), np.full(1, 63, np.uint8), np.full((1, 2), 1023, np.uint16),
         np.zeros((1, 4), np.uint8), np.ones(1, np.uint32),
     )  # fmt: skip
-    return Patch(file_bytes(Scene(header, {(0, 0): block}), alter=alter))
 
+    def claim(rows: Rows) -> Rows:
+        rows["count"], rows["high"] = FULL, 255
+        for spec in [*column_specs(header.normal_bits).values()][1:5]:
+            rows[spec.name]["raw"] = spec.raw_bytes(FULL)
+        return rows
 
-def as_full(made: Patch) -> Patch:
-    """The file, claiming that all 2^24 voxels are there."""
-    made.entry(0, "count", FULL).at(made.sections["LEVL"][0] + 8, u8(FULL))
-    for spec in made.columns[1:]:
-        made.entry(0, "raw", spec.raw_bytes(FULL), spec.name)
-    return made
+    return Patch(file_bytes(Scene(header, {(0, 0): block}), alter=alter, alter_rows=claim))
 
 
 def replaced(name: str, raw: bytes) -> Alter:
@@ -192,14 +192,14 @@ def replaced(name: str, raw: bytes) -> Alter:
 def full_block() -> bytes:
     """All 2^24 voxels of a block of 256^3: 2.4 MB of octree in 9 kB, all else constant."""
     nodes = sum(8**level for level in range(8))
-    return as_full(one_voxel(replaced("occupancy", b"\xff" * nodes))).sealed()
+    return claiming_all(replaced("occupancy", b"\xff" * nodes)).sealed()
 
 
 def claimed_full(**occupancy: int) -> Callable[[], bytes]:
     """2^24 voxels claimed for an octree of one."""
 
     def make() -> bytes:
-        made = as_full(one_voxel())
+        made = claiming_all()
         for field, value in occupancy.items():
             made.entry(0, field, value, "occupancy")
         return made.sealed()
@@ -209,7 +209,7 @@ def claimed_full(**occupancy: int) -> Callable[[], bytes]:
 
 def zeros_of_64_mib() -> bytes:
     """A weight column of 64 MiB of zeros in 263 kB, the most that LZ4 can do."""
-    return as_full(one_voxel(replaced("weight", bytes(4 * FULL)))).sealed()
+    return claiming_all(replaced("weight", bytes(4 * FULL))).sealed()
 
 
 def overlapping() -> bytes:
@@ -303,10 +303,10 @@ BLOCKS = (
     Bomb("a raw column of 64 MiB", entry(0, "raw", 64 << 20, "normal"), "GSB-0402"),
     Bomb("an octree of 64 MiB", entry(0, "raw", 64 << 20, "occupancy"), "GSB-0402"),
     Bomb("2^24 voxels of 8^3", entry(0, "count", FULL), "GSB-0409"),
-    Bomb("2^24 voxels in an octree of one", claimed_full(), "GSB-0602"),
-    Bomb("an octree of 64 MiB in a few bytes", claimed_full(raw=64 << 20), "GSB-0602"),
-    Bomb("an octree of 128 MiB", claimed_full(raw=128 << 20), "GSB-0602 GSB-0311"),
-    Bomb("64 MiB of zeros", zeros_of_64_mib, "GSB-0602"),
+    Bomb("2^24 voxels in an octree of one", claimed_full(), "GSB-0408"),
+    Bomb("an octree of 64 MiB in a few bytes", claimed_full(raw=64 << 20), "GSB-0401"),
+    Bomb("an octree of 128 MiB", claimed_full(raw=128 << 20), "GSB-0311"),
+    Bomb("64 MiB of zeros", zeros_of_64_mib, "GSB-0408"),
     Bomb(
         "LZ4: a length without end", stored(0, "normal", b"\xff" * 30, codec=CODEC_LZ4), "GSB-0401"
     ),
