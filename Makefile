@@ -23,7 +23,7 @@ demo: $(READY)
 test: $(READY)
 	$(BIN)/python -m pytest
 
-# The exact tests with their long part: solids flooded at 512^3, a block full to the last voxel.
+# The exact tests with their long part, of nightly size: tests/exact/README.md says what it holds.
 exact: $(READY)
 	$(BIN)/python -m pytest tests/exact -m "long or not long"
 
