@@ -41,7 +41,8 @@ def install() -> None:
     for name in ("package.json", "package-lock.json"):
         shutil.copy(HERE / name, INSTALLED)
     quiet = ("--ignore-scripts", "--no-audit", "--no-fund", "--silent")
-    subprocess.run([binary, npm, "ci", "--prefix", INSTALLED, *quiet], check=True)
+    done = subprocess.run([binary, npm, "ci", "--prefix", INSTALLED, *quiet], check=False)
+    sys.exit(done.returncode)
 
 
 def beginning(name: str) -> str:
