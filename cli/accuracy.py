@@ -31,7 +31,7 @@ def report() -> None:
     default="small",
     show_default=True,
     metavar="small|all",
-    help="The sphere alone at 128 voxels, or every built-in scene at 256.",
+    help="The sphere alone at 96 voxels, or every built-in scene at 256.",
 )
 @click.option("--knob", "knobs", multiple=True, metavar="NAME", help="Only this one; repeatable.")
 @click.option(

@@ -45,7 +45,7 @@ from gstream.run import commands
 from gstream.run.commands import RunOptions
 from gstream.run.progress import Progress
 
-SETS = {"small": (("sphere",), 128), "all": (tuple(SCENES), 256)}  # scenes, voxels per axis
+SETS = {"small": (("sphere",), 96), "all": (tuple(SCENES), 256)}  # scenes, voxels per axis
 FORMS_COST = 4.0  # of the process that measures forms, in those that voxelize
 DEFAULT = ("", None)  # the key of the point that turns no knob
 

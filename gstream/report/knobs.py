@@ -93,10 +93,13 @@ def knobs(resolution: int) -> tuple[Knob, ...]:
 
 
 def fewer(knob: Knob) -> Knob:
-    """An option at its first, default and last value: starting a process takes 2 s."""
+    """An option at its first, default and last value, a lossless one at two of these: starting a
+    process takes 2 s."""
     if not knob.field:
         return knob
     wanted = {knob.values[0], knob.default, knob.values[-1]}
+    if knob.same and len(wanted) > 2:
+        wanted.remove(knob.values[0])
     return replace(knob, values=tuple(value for value in knob.values if value in wanted))
 
 
