@@ -41,6 +41,27 @@ FEW_VOXELS = 4  # along w: up to here every voxel is tested, above the range is 
 
 
 @part
+def sort_corners(corners: I64, order: I64) -> int:
+    """Order a triangle's corners by (x, y, z); -1 where that mirrors it, else 1.
+
+    order : (3,) i8   out: which input corner stands at each sorted place
+    """
+    order[0], order[1], order[2] = 0, 1, 2
+    turn = 1
+    for a, b in ((0, 1), (1, 2), (0, 1)):
+        p, q = order[a], order[b]
+        swap = False
+        for c in range(3):
+            if corners[p, c] != corners[q, c]:
+                swap = corners[p, c] > corners[q, c]
+                break
+        if swap:
+            order[a], order[b] = q, p
+            turn = -turn
+    return turn
+
+
+@part
 def load_triangle(corners: I64, k: int, closed: bool, tri: I64, box: I64, order: I64) -> int:
     """Move a triangle to its own frame, corners in ascending order of (x, y, z).
 
@@ -57,18 +78,7 @@ def load_triangle(corners: I64, k: int, closed: bool, tri: I64, box: I64, order:
         box[0, c] = base
         box[1, c] = -((-low) >> k) - 1 - base if closed else 0
         box[2, c] = (high >> k) - base
-    order[0], order[1], order[2] = 0, 1, 2
-    turn = 1
-    for a, b in ((0, 1), (1, 2), (0, 1)):
-        p, q = order[a], order[b]
-        swap = False
-        for c in range(3):
-            if corners[p, c] != corners[q, c]:
-                swap = corners[p, c] > corners[q, c]
-                break
-        if swap:
-            order[a], order[b] = q, p
-            turn = -turn
+    turn = sort_corners(corners, order)
     for a in range(3):
         for c in range(3):
             tri[a, c] = corners[order[a], c] - (box[0, c] << k)

@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gstream.kernels import fragments, part
+from gstream.kernels.fragments import sort_corners
 from gstream.kernels.overlap import (
     CEIL,
     CENTRE_CEIL,
@@ -50,18 +51,7 @@ def emit_in(number: type) -> Emit:
             high = max(corners[0, c], corners[1, c], corners[2, c])
             base = np.int64(np.floor(low))
             box[0, c], box[1, c], box[2, c] = base, 0, np.int64(np.floor(high)) - base
-        order[0], order[1], order[2] = 0, 1, 2
-        turn = 1
-        for a, b in ((0, 1), (1, 2), (0, 1)):
-            p, q = order[a], order[b]
-            swap = False
-            for c in range(3):
-                if corners[p, c] != corners[q, c]:
-                    swap = corners[p, c] > corners[q, c]
-                    break
-            if swap:
-                order[a], order[b] = q, p
-                turn = -turn
+        turn = sort_corners(corners, order)
         for a in range(3):
             for c in range(3):
                 tri[a, c] = corners[order[a], c] - box[0, c]
