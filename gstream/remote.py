@@ -64,7 +64,9 @@ def _open_stored(
 def _line(error: BaseException) -> str:
     if isinstance(error, TimeoutError):
         return "no answer in time"
-    return " ".join(str(error).split()) or type(error).__name__
+    said = " ".join(str(error).split()) or type(error).__name__
+    absent = isinstance(error, FileNotFoundError)  # of which a driver may say the path alone
+    return f"not found: {said}" if absent else said
 
 
 def _changed(name: str) -> StoppedError:

@@ -190,7 +190,7 @@ def test_a_file_of_a_store_reads_as_a_local_one():
 
 
 def test_a_store_s_missing_file_and_an_unknown_scheme_are_usage_errors():
-    with pytest.raises(UsageError, match=r"memory://no.gsb: cannot be read: .*credentials"):
+    with pytest.raises(UsageError, match=r"no.gsb: cannot be read: not found: .*credentials"):
         gstream.open("memory://no.gsb")
     with pytest.raises(UsageError, match=r"nothing://x: cannot be read: Protocol not known"):
         gstream.open("nothing://x")
