@@ -43,9 +43,14 @@ def info(path: str, digests: bool, as_json: bool) -> None:
 @click.command()
 @file_argument
 @click.option("--quick", is_flag=True, help="Structure and indexes alone; decode no payload.")
+@click.option(
+    "--plain",
+    is_flag=True,
+    help="Share no compiled code with what wrote the file: slower, in NumPy from end to end.",
+)
 @options.as_json
 @options.quiet
-def check(path: str, quick: bool, as_json: bool, quiet: bool) -> int:
+def check(path: str, quick: bool, plain: bool, as_json: bool, quiet: bool) -> int:
     """Check a file against the spec.
 
     Prints every broken rule of a block file or geometry stream, and then exits with 4.
@@ -53,11 +58,15 @@ def check(path: str, quick: bool, as_json: bool, quiet: bool) -> int:
     \b
     gstream check scan.gsb
     gstream check scan.gsb --quick --json
+    gstream check scan.gsb --plain
     """
     from gstream.check import check_file
+    from gstream.compiled import CHECKING
+    from gstream.formats import arithmetic
 
+    choose = arithmetic.plain if plain else CHECKING
     with watch(quiet or as_json) as watcher:
-        report = check_file(path, quick, Blocks(watcher, "check"))
+        report = check_file(path, quick, Blocks(watcher, "check"), choose)
     if as_json:
         click.echo(json.dumps(report.as_dict(), indent=1))
     else:

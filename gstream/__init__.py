@@ -65,9 +65,10 @@ def open(path: str | os.PathLike[str]) -> BlockFile:
     errors : UsageError for what cannot be read; CorruptFileError, UnsupportedError; of a URL also
         StoppedError, whenever the network fails or the file is another one by now
     """
+    from gstream.compiled import READING
     from gstream.read import open_block_file
 
-    return open_block_file(path)
+    return open_block_file(path, choose=READING)
 
 
 def check(path: str | os.PathLike[str], *, quick: bool = False) -> Report:
@@ -76,8 +77,9 @@ def check(path: str | os.PathLike[str], *, quick: bool = False) -> Report:
     returns : a report; `ok` where no rule is broken, `findings` with every error and note
     """
     from gstream.check import check_file
+    from gstream.compiled import CHECKING
 
-    return check_file(path, quick)
+    return check_file(path, quick, choose=CHECKING)
 
 
 class _Package(ModuleType):

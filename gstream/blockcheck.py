@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gstream.contentcheck import Content, Progress, broken
 from gstream.errors import CorruptFileError
+from gstream.formats.arithmetic import Choice, plain
 from gstream.formats.blockhead import check_tail
 from gstream.formats.directory import (
     TAIL_BYTES,
@@ -31,16 +32,20 @@ LEDGER_PARTS: Final = ("non_finite", "outside", "assigned", "unassigned")
 
 
 def iter_findings(
-    path: Source, quick: bool = False, progress: Progress | None = None
+    path: Source,
+    quick: bool = False,
+    progress: Progress | None = None,
+    choose: Choice = plain,
 ) -> Iterator[Finding]:
     """Every finding in a block file, in the order of the file; none means valid.
 
     path : also the file's bytes, or a range reader
     quick : stop after the head, the tail and the directory; payloads are not read
+    choose : what decodes and recomputes levels: NumPy, or gstream.compiled's
     errors : UsageError for a path that cannot be read; UnsupportedError for a newer file
     """
     try:
-        file = open_block_file(path)
+        file = open_block_file(path, choose=choose)
     except CorruptFileError as error:
         yield broken(error)
         return

@@ -15,6 +15,7 @@ from gstream import blockcheck
 from gstream.contentcheck import broken
 from gstream.errors import CorruptFileError, UsageError
 from gstream.formats import stream_check
+from gstream.formats.arithmetic import Choice, plain
 from gstream.formats.findings import ERROR, NOTE, READER, VALIDATOR, Finding, Rule
 from gstream.formats.framing import BLOCK_MAGIC, STREAM_MAGIC
 from gstream.source import is_url
@@ -166,12 +167,16 @@ class Report:
 
 
 def check_file(
-    path: str | os.PathLike[str], quick: bool = False, progress: Progress | None = None
+    path: str | os.PathLike[str],
+    quick: bool = False,
+    progress: Progress | None = None,
+    choose: Choice = plain,
 ) -> Report:
     """Check a block file or a geometry stream, whichever the magic says; of URLs, block files.
 
     quick : structure and indexes only, no payloads
     progress : called with (done, all), in blocks
+    choose : what decodes and recomputes levels of block files: NumPy, or gstream.compiled's
     errors : UsageError for a path that cannot be read; CorruptFileError for neither kind of file;
              UnsupportedError for a newer version. A broken rule is a finding, not an error.
     """
@@ -182,7 +187,7 @@ def check_file(
         findings: Iterator[Finding] = map(broken, stream_check.iter_findings(name, quick))
     elif magic == BLOCK_MAGIC or name.endswith(".gsb"):
         report = Report(name, "block file", quick)
-        findings = blockcheck.iter_findings(name, quick, progress)
+        findings = blockcheck.iter_findings(name, quick, progress, choose)
     else:
         raise CorruptFileError("GSB-0101", name, 0, "neither a block file nor a geometry stream")
     try:

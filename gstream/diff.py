@@ -14,9 +14,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.compiled import compiled
 from gstream.formats.lodrule import decode_normals
 from gstream.formats.morton import decode_morton
-from gstream.kernels import filters
 from gstream.read import BlockFile, BlockView, open_block_file
 
 Progress = Callable[[int, int], None]  # blocks done, blocks in all
@@ -142,7 +142,7 @@ def diff(a: str, b: str, progress: Progress = lambda done, total: None) -> Diffe
     progress : called with (done, all), in blocks
     errors : those of reading; UnsupportedError where an unknown column is not stored alike
     """
-    with open_block_file(a, filters=filters) as left, open_block_file(b, filters=filters) as right:
+    with open_block_file(a, choose=compiled) as left, open_block_file(b, choose=compiled) as right:
         found = _heads(left, right)
         if found.same_grid:
             step = _Steps(progress, left.head.blocks + right.head.blocks)

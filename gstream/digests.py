@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.compiled import READING
 from gstream.errors import UnsupportedError
 from gstream.formats.stream import StreamReader
 from gstream.formats.stream_chunk import COLOUR, INDEX, KNOWN, NORMAL, POSITION_F4, POSITION_F8
@@ -43,7 +44,7 @@ def block_file_content(path: str | os.PathLike[str]) -> dict[str, Any]:
 
     errors : CorruptFileError; UnsupportedError for a newer file
     """
-    with open_block_file(path) as file:
+    with open_block_file(path, choose=READING) as file:
         levels = []
         for level in range(file.levels):
             blocks, voxels, digests = 0, 0, _Digests()

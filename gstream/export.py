@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from gstream.compiled import compiled
 from gstream.errors import RefusedError, StoppedError, UsageError
 from gstream.export_arrays import write_npz, write_zarr
 from gstream.export_ply import MAX_CUBES, write_cubes, write_points
-from gstream.kernels import filters
 from gstream.read import open_block_file
 from gstream.run.publish import publish, publish_folder
 from gstream.selection import Progress, Selection
@@ -68,7 +68,7 @@ def export(
     errors : UsageError, RefusedError; StoppedError when the disk is full; those of reading
     """
     kind = kind_of(output, cubes)
-    with open_block_file(path, filters=filters) as file:
+    with open_block_file(path, choose=compiled) as file:
         selection = Selection.of(file, level, bounds)
         if cubes and selection.voxels > MAX_CUBES:
             said = f"{selection.voxels:,} cubes have more corners than a PLY can number"

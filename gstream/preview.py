@@ -10,11 +10,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.compiled import compiled
 from gstream.errors import UsageError
 from gstream.formats.directory import STATE_DATA
 from gstream.formats.morton import decode_morton
 from gstream.formats.png import png
-from gstream.kernels import filters, shade, splat
+from gstream.kernels import shade, splat
 from gstream.read import BlockFile, BlockView, open_block_file
 from gstream.run.publish import publish
 
@@ -113,7 +114,7 @@ def render(
         )
     direction = parse_view(view)
     scale = SUPERSAMPLING if width * height * SUPERSAMPLING**2 <= MAX_SAMPLES else 1
-    with open_block_file(path, filters=filters) as file:
+    with open_block_file(path, choose=compiled) as file:
         scene = Scene.of_file(file, up)
         if level is not None and not 0 <= level < file.levels:
             raise UsageError(f"{path}: there is no level {level}", f"give 0 to {file.levels - 1}")

@@ -16,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.errors import CorruptFileError, StoppedError, UnsupportedError, UsageError
-from gstream.formats import filters as plain
+from gstream.formats.arithmetic import Arithmetic, Choice, plain
 from gstream.formats.blockhead import BlockFileHeader, Head, parse_head
-from gstream.formats.columns import COLUMN_IDS, ColumnSpec, decode_column
+from gstream.formats.columns import COLUMN_IDS, ColumnSpec, Record, decode_column, octree_masks
 from gstream.formats.directory import MAX_HEAD_BYTES, STATE_DATA, stacked
-from gstream.formats.filters import Filters
 from gstream.formats.framing import crc32
-from gstream.formats.lodrule import decode_normals
-from gstream.formats.morton import decode_morton, encode_morton
+from gstream.formats.morton import decode_morton, decode_one, encode_morton
 from gstream.formats.pages import Directory
 from gstream.source import Ranges, Source, open_ranges
 
@@ -39,18 +37,18 @@ RUN_BYTES: Final = 16 << 20  # the longest run that is read for a part of it
 IDENTITY: Final = (32, 24)  # where the head has file_bytes and content_id: offset, length
 
 
-def open_block_file(source: Source, *, filters: Filters = plain, name: str = "") -> "BlockFile":
+def open_block_file(source: Source, *, choose: Choice = plain, name: str = "") -> "BlockFile":
     """Open a block file; use as a context manager, or close it.
 
     source : path, URL, the file's bytes, or a callable (offset, length) -> bytes
-    filters : formats.filters (NumPy), or kernels.filters (compiled, several times faster)
+    choose : what decodes: NumPy, or gstream.compiled's, several times faster
     name : for messages, where the source is no path
     errors : UsageError for what cannot be read; CorruptFileError; UnsupportedError;
         of a URL also, whenever it is read, StoppedError for a network that fails and another file
     """
     ranges = open_ranges(source, name)
     try:
-        return BlockFile(ranges, filters)
+        return BlockFile(ranges, choose)
     except BaseException:
         ranges.close()
         raise
@@ -68,9 +66,9 @@ class Voxels:
 class BlockFile:
     """An open block file. Not for use from several threads at once."""
 
-    def __init__(self, ranges: Ranges, filters: Filters = plain) -> None:
-        self.path, self.filters = ranges.name, filters
-        self._ranges = ranges
+    def __init__(self, ranges: Ranges, choose: Choice = plain) -> None:
+        self.path, self._ranges = ranges.name, ranges
+        self._choose, self._decoded = choose, 0  # voxels, once for each column that is read
         self.head: Head = parse_head(ranges.begin(MAX_HEAD_BYTES), self.path)
         size = ranges.size()
         if size is not None and size != self.head.file_bytes:
@@ -88,6 +86,11 @@ class BlockFile:
     def close(self) -> None:
         """Close what open_block_file opened; a second call does nothing."""
         self._ranges.close()
+
+    def arithmetic(self, voxels: int) -> Arithmetic:
+        """What to decode that many more voxels with."""
+        self._decoded += voxels
+        return self._choose(self._decoded)
 
     @property
     def header(self) -> BlockFileHeader:
@@ -240,40 +243,39 @@ class BlockFile:
 class BlockView:
     """One block of an open file; its columns are read and decoded when they are asked for."""
 
-    __slots__ = ("_decoded", "_place", "entry", "file")
+    __slots__ = (
+        "_decoded",
+        "_octree",
+        "_place",
+        "children",
+        "count",
+        "entry",
+        "file",
+        "key",
+        "level",
+    )
 
     def __init__(self, file: BlockFile, entry: Any) -> None:
         self.file, self.entry = file, entry
+        self.level = int(entry["level"])  # 0 = finest
+        self.key = int(entry["key"])  # Morton code of the block within its level
+        self.count = int(entry["count"])  # voxels
+        self.children = int(entry["children"])  # bit c: block 8 * key + c of the next finer level
         self._decoded: dict[str, NDArray[Any]] = {}
+        self._octree: U8 | None = None
         self._place: tuple[int, int, int] | None = None
-
-    @property
-    def level(self) -> int:
-        """0 = finest."""
-        return int(self.entry["level"])
-
-    @property
-    def key(self) -> int:
-        """Morton code of the block within its level."""
-        return int(self.entry["key"])
 
     @property
     def place(self) -> tuple[int, int, int]:
         """Block coordinates (x, y, z) within the level."""
         if self._place is None:
-            x, y, z = decode_morton(self.entry["key"].reshape(1))[0].tolist()
-            self._place = (x, y, z)
+            self._place = decode_one(self.key)
         return self._place
 
     @property
     def corner(self) -> NDArray[np.int64]:
         """(3,) voxel coordinates of the block's first voxel within its level."""
         return np.array(self.place, np.int64) * self.file.block_edge
-
-    @property
-    def count(self) -> int:
-        """Number of voxels."""
-        return int(self.entry["count"])
 
     @property
     def low(self) -> U8:
@@ -285,21 +287,9 @@ class BlockView:
         """(3,) high corner of the tight bounds in the block, inclusive."""
         return np.asarray(self.entry["high"])
 
-    @property
-    def children(self) -> int:
-        """Bit c set: the child block 8 * key + c of the next finer level exists."""
-        return int(self.entry["children"])
-
     def stored(self, name: str) -> bytes:
         """The stored bytes of one column, their CRC checked (GSB-0411)."""
-        record = self.entry[self.file.specs[name].field]
-        offset = int(record["offset"])
-        data = self.file.read_payload(self.entry, offset, int(record["stored"]))
-        if data and crc32(data) != record["crc"]:
-            self.file.refuse_changed()
-            said = f"column {name} of block {self.key}, level {self.level}, does not match its CRC"
-            raise CorruptFileError("GSB-0411", self.file.path, offset, said)
-        return data
+        return self._stored(name)[0]
 
     def column(self, name: str) -> NDArray[Any]:
         """One decoded column: (n,) or (n, components); occupancy as (n,) u32 Morton codes.
@@ -308,31 +298,57 @@ class BlockView:
                  CorruptFileError GSB-04..
         """
         if name not in self._decoded:
-            record = self._record(name)
-            self._decoded[name] = decode_column(
-                self.file.specs[name],
-                _Record(*(int(record[f]) for f in ("codec", "filter", "constant", "raw"))),
-                self.stored(name),
-                self.count,
-                self.file.head.settings.block_log2,
-                filters=self.file.filters,
-                path=self.file.path,
-                at=int(record["offset"]),
-            )
+            self._decoded[name] = self._decode(name)
         return self._decoded[name]
 
-    def _record(self, name: str) -> Any:
-        if name not in self.file.specs:
+    def _decode(self, name: str) -> NDArray[Any]:
+        spec, filters = self._known(name), self.file.arithmetic(self.count).filters
+        log2_edge = self.file.head.settings.block_log2
+        if name == "occupancy":
+            return filters.decode_occupancy(self.octree(), log2_edge, self.count)
+        data, record, offset = self._stored(name)
+        return decode_column(
+            spec, record, data, self.count, log2_edge,
+            filters=filters, path=self.file.path, at=offset,
+        )  # fmt: skip
+
+    def octree(self) -> U8:
+        """(nodes,) u8: the raw occupancy column, child masks of the octree; errors as `column`."""
+        if self._octree is None:
+            self._known("occupancy")
+            data, record, offset = self._stored("occupancy")
+            self._octree = octree_masks(
+                record, data, self.count, self.file.head.settings.block_log2,
+                filters=self.file.arithmetic(0).filters, path=self.file.path, at=offset,
+            )  # fmt: skip
+        return self._octree
+
+    def _known(self, name: str) -> ColumnSpec:
+        spec = self.file.specs.get(name)
+        if spec is None:
             remedy = f"the file stores {', '.join(self.file.columns)}"
             raise UnsupportedError(self.file.path, f"there is no column {name!r}", remedy)
-        if self.file.specs[name].id not in COLUMN_IDS:
+        if spec.id not in COLUMN_IDS:
             said = f"column {name!r} is of a kind that this release does not know"
             raise UnsupportedError(self.file.path, said, "upgrade gstream")
-        return self.entry[self.file.specs[name].field]
+        return spec
+
+    def _stored(self, name: str) -> tuple[bytes, Record, int]:
+        """Stored bytes, what decoding must know of them, and where they lie."""
+        # One call for the eight fields of a column record: each field alone costs as much.
+        entry = self.entry[self.file.specs[name].field]
+        offset, stored, raw, crc, constant, codec, filter_id, _ = entry.item()
+        data = self.file.read_payload(self.entry, offset, stored)
+        if data and crc32(data) != crc:
+            self.file.refuse_changed()
+            said = f"column {name} of block {self.key}, level {self.level}, does not match its CRC"
+            raise CorruptFileError("GSB-0411", self.file.path, offset, said)
+        return data, Record(codec, filter_id, constant, raw), offset
 
     def positions(self) -> U32:
         """(n, 3) u32 voxel coordinates x, y, z within the level, in Morton order."""
-        return decode_morton(self.column("occupancy")) + self.corner.astype(np.uint32)
+        decode = self.file.arithmetic(self.count).decode_morton
+        return decode(self.column("occupancy")) + self.corner.astype(np.uint32)
 
     @property
     def mask(self) -> U8:
@@ -347,7 +363,8 @@ class BlockView:
     def normals(self) -> NDArray[np.float32]:
         """(n, 3) unit vectors in grid axes; 0, 0, 0 where the voxel has no direction."""
         bits = self.file.specs["normal"].bits if "normal" in self.file.specs else 0
-        return unit_vectors(decode_normals(self.normal_codes, bits))
+        decode = self.file.arithmetic(self.count).decode_normals
+        return unit_vectors(decode(self.normal_codes, bits))
 
     @property
     def colour(self) -> U8:
@@ -361,7 +378,7 @@ class BlockView:
 
     def words(self) -> U32:
         """(n,) u32: x | y << 8 | z << 16 within the block, face mask in bits 24 to 29."""
-        local = decode_morton(self.column("occupancy"))
+        local = self.file.arithmetic(self.count).decode_morton(self.column("occupancy"))
         parts = (local[:, 0], local[:, 1], local[:, 2], self.mask.astype(np.uint32))
         words = np.zeros(len(local), np.uint32)
         for i, part in enumerate(parts):
@@ -375,11 +392,3 @@ def unit_vectors(directions: NDArray[Any]) -> NDArray[np.float32]:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     unit: NDArray[np.float64] = vectors / np.where(length > 0, length, 1.0)
     return unit.astype(np.float32)
-
-
-@dataclass(frozen=True, slots=True)
-class _Record:
-    codec: int
-    filter: int
-    constant: int
-    raw_bytes: int

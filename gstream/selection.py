@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from gstream.errors import UsageError
 from gstream.formats.columns import COLUMN_IDS
-from gstream.formats.lodrule import decode_normals
-from gstream.formats.morton import decode_morton
 from gstream.read import EVERYWHERE, BlockFile, BlockView, unit_vectors
 
 Progress = Callable[[int, int], None]  # blocks done, blocks in all
@@ -101,6 +99,7 @@ class Selection:
         columns = {name: view.column(name) for name in names}
         for begin in range(0, len(codes), PIECE):
             part = slice(begin, begin + PIECE)
+            decode_morton = self.file.arithmetic(len(codes[part])).decode_morton
             positions = decode_morton(codes[part]) + view.corner.astype(np.uint32)
             found = {name: values[part] for name, values in columns.items()}
             if not self.whole:
@@ -114,5 +113,6 @@ class Selection:
 
     def _in_world(self, codes: NDArray[np.uint16]) -> NDArray[np.float32]:
         """Normals go by the inverse transpose; the matrix may be oblique."""
+        decode_normals = self.file.arithmetic(len(codes)).decode_normals
         directions = decode_normals(codes, self.file.specs["normal"].bits)
         return unit_vectors(directions @ np.linalg.inv(self.file.matrix[:, :3]))

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from hashlib import blake2b
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,7 @@ def column_specs(normal_bits: int) -> Mapping[str, ColumnSpec]:
 
 
 COLUMN_NAMES: Final = tuple(column_specs(MAX_NORMAL_BITS))
+OCCUPANCY: Final = column_specs(MAX_NORMAL_BITS)["occupancy"]
 COLUMN_IDS: Final = {spec.id: spec.name for spec in column_specs(MAX_NORMAL_BITS).values()}
 
 
@@ -138,6 +139,15 @@ class ColumnRecord(Protocol):
     def constant(self) -> int: ...
     @property
     def raw_bytes(self) -> int: ...
+
+
+class Record(NamedTuple):
+    """A ColumnRecord on its own."""
+
+    codec: int
+    filter: int
+    constant: int
+    raw_bytes: int
 
 
 def encode_block(
@@ -244,22 +254,20 @@ def decode_column(
     returns: (n,) or (n, components), C order; for occupancy the (n,) u32 local codes
     errors : CorruptFileError GSB-0401 to 0409, UnsupportedError for an unknown codec or filter
     """
-    if not 1 <= count <= 8**log2_edge:
-        said = f"{count} voxels do not fit a block of edge {1 << log2_edge}"
-        raise CorruptFileError(RULE_COUNT, path, at, said)
-    _check_record(spec, record, count, log2_edge, path, at)
+    if spec.name == "occupancy":
+        masks = octree_masks(record, data, count, log2_edge, filters=filters, path=path, at=at)
+        return filters.decode_occupancy(masks, log2_edge, count)
+    _check_count(count, log2_edge, path, at)
+    _check_record(spec, record, path, at)
+    if record.raw_bytes != spec.raw_bytes(count):
+        raise _raw_bytes_error(spec.name, record, count, path, at)
     if record.codec == CODEC_CONSTANT:
         return _squeeze(_constant_column(spec, record, data, count, path, at))
     length = plain.filtered_bytes(record.filter, count, spec.components, spec.item_bytes, spec.bits)
-    if spec.name == "occupancy":
-        length = record.raw_bytes
     unpacked = _unpack(record, data, length, path, at)
-    whole = np.frombuffer(unpacked, np.uint8)
-    if spec.name == "occupancy":
-        _check_octree(whole, log2_edge, count, filters, path, at)
-        return filters.decode_occupancy(whole, log2_edge, count)
     if record.filter >= plain.BIT_PLANES:
         _check_padding(unpacked, count, path, at)
+    whole = np.frombuffer(unpacked, np.uint8)
     values = filters.undo_filter(
         record.filter, whole, (count, spec.components), spec.dtype, spec.bits
     )
@@ -268,34 +276,68 @@ def decode_column(
     return _squeeze(values)
 
 
+def octree_masks(
+    record: ColumnRecord,
+    data: Buffer,
+    count: int,
+    log2_edge: int,
+    *,
+    filters: Filters = plain,
+    path: str,
+    at: int,
+) -> Bytes:
+    """The raw occupancy column, checked: the octree's child masks.
+
+    parameters and errors : as decode_column
+    returns: (nodes,) u8
+    """
+    _check_count(count, log2_edge, path, at)
+    _check_record(OCCUPANCY, record, path, at)
+    # A node of the octree has a voxel below it, on each of log2_edge levels.
+    if not log2_edge <= record.raw_bytes <= log2_edge * count:
+        raise _raw_bytes_error(OCCUPANCY.name, record, count, path, at)
+    masks = np.frombuffer(_unpack(record, data, record.raw_bytes, path, at), np.uint8)
+    if filters.count_leaves(masks, log2_edge) == count:
+        return masks
+    if not masks.all():
+        raise CorruptFileError(RULE_EMPTY_MASK, path, at, "an octree mask has no child")
+    said = f"{masks.size} octree masks are not the tree of {count} voxels"
+    raise CorruptFileError(RULE_TREE, path, at, said)
+
+
 def _squeeze(values: Ints) -> Ints:
     return values.reshape(-1) if values.shape[1] == 1 else values
 
 
-def _check_record(
-    spec: ColumnSpec, record: ColumnRecord, count: int, log2_edge: int, path: str, at: int
-) -> None:
+def _check_count(count: int, log2_edge: int, path: str, at: int) -> None:
+    if not 1 <= count <= 8**log2_edge:
+        said = f"{count} voxels do not fit a block of edge {1 << log2_edge}"
+        raise CorruptFileError(RULE_COUNT, path, at, said)
+
+
+def _check_record(spec: ColumnSpec, record: ColumnRecord, path: str, at: int) -> None:
+    """Codec and filter, each alone and together."""
     if record.codec not in (CODEC_RAW, CODEC_LZ4, CODEC_CONSTANT):
         said = f"column {spec.name} has codec {record.codec}, which this release does not know"
         raise UnsupportedError(path, said, "update gstream, or read the other columns")
     if record.filter not in plain.FILTERS:
         said = f"column {spec.name} has filter {record.filter}, which this release does not know"
         raise UnsupportedError(path, said, "update gstream, or read the other columns")
-    if spec.name == "occupancy":
-        # A node of the octree has a voxel below it, on each of log2_edge levels.
+    lawful = record.filter != plain.GREEN_DELTA_BIT_PLANES or spec.components == 4
+    if spec.name == "occupancy" or record.codec == CODEC_CONSTANT:
         lawful = record.filter == plain.NONE
-        fits = log2_edge <= record.raw_bytes <= log2_edge * count
-    else:
-        lawful = record.filter != plain.GREEN_DELTA_BIT_PLANES or spec.components == 4
-        fits = record.raw_bytes == spec.raw_bytes(count)
-    if record.codec == CODEC_CONSTANT:
-        lawful = record.filter == plain.NONE and spec.name != "occupancy"
+    if spec.name == "occupancy" and record.codec == CODEC_CONSTANT:
+        lawful = False
     if not lawful:
         said = f"column {spec.name} may not have filter {record.filter} with codec {record.codec}"
         raise CorruptFileError(RULE_FILTER, path, at, said)
-    if not fits:
-        said = f"column {spec.name} of {count} voxels states {record.raw_bytes} raw bytes"
-        raise CorruptFileError(RULE_RAW_BYTES, path, at, said)
+
+
+def _raw_bytes_error(
+    name: str, record: ColumnRecord, count: int, path: str, at: int
+) -> CorruptFileError:
+    said = f"column {name} of {count} voxels states {record.raw_bytes} raw bytes"
+    return CorruptFileError(RULE_RAW_BYTES, path, at, said)
 
 
 def _unpack(record: ColumnRecord, data: Buffer, length: int, path: str, at: int) -> Buffer:
@@ -320,17 +362,6 @@ def _constant_column(
         said = f"column {spec.name} has the constant {record.constant:#x}, which is out of range"
         raise CorruptFileError(RULE_CONSTANT, path, at, said)
     return np.tile(np.array(fields, spec.dtype), (count, 1))
-
-
-def _check_octree(
-    masks: Bytes, log2_edge: int, count: int, filters: Filters, path: str, at: int
-) -> None:
-    if filters.count_leaves(masks, log2_edge) == count:
-        return
-    if not masks.all():
-        raise CorruptFileError(RULE_EMPTY_MASK, path, at, "an octree mask has no child")
-    said = f"{masks.size} octree masks are not the tree of {count} voxels"
-    raise CorruptFileError(RULE_TREE, path, at, said)
 
 
 def _check_padding(whole: Buffer, count: int, path: str, at: int) -> None:

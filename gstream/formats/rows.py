@@ -6,21 +6,11 @@ A row file is an array of pile rows in ascending (level, key), with the names of
 
 import json
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from gstream.formats.columns import ColumnSpec, column_specs
 from gstream.formats.directory import Rows, pile_dtype
-
-
-class Record(NamedTuple):
-    """How one column of one block is stored: what `decode_column` must know."""
-
-    codec: int
-    filter: int
-    constant: int
-    raw_bytes: int
 
 
 def pipeline_columns(

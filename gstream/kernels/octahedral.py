@@ -184,3 +184,21 @@ def decode_normals(codes, bits):
         ys[i] = np.int32(np.floor(y * scale + 0.5))
         zs[i] = np.int32(np.floor(z * scale + 0.5))
     return directions.T
+
+
+@kernel
+def canonical_normals(codes, bits):
+    """Which codes a writer may store.
+
+    codes  : (n, 2) u16; bits : int   8 to 12
+    returns: (n,) bool
+    errors : none
+    source : spec, "Normals": of two names of a code on the border, the one with positive fields
+    """
+    h = np.int32((1 << (bits - 1)) - 1)
+    lawful = np.empty(codes.shape[0], np.bool_)
+    for i in range(codes.shape[0]):
+        u, v = np.int32(codes[i, 0]) - h, np.int32(codes[i, 1]) - h
+        mirrored = ((u == -h) | (u == h)) & (v < 0) | ((v == -h) | (v == h)) & (u < 0)
+        lawful[i] = (u <= h) & (v <= h) & ~mirrored | (u == h + 1) & (v == h + 1)
+    return lawful

@@ -11,10 +11,10 @@ from functools import partial
 import numpy as np
 
 from gstream.formats.cells import SCENE, Scene
-from gstream.formats.columns import Block, ColumnSpec, decode_column
+from gstream.formats.columns import Block, ColumnSpec, Record, decode_column
 from gstream.formats.directory import Rows, pile_dtype
 from gstream.formats.pile import PileWriter, read_pile_rows
-from gstream.formats.rows import Record, block_range, names_json, rows_from_bytes
+from gstream.formats.rows import block_range, names_json, rows_from_bytes
 from gstream.job import Job, Summary, Unit
 from gstream.kernels import filters as fast
 from gstream.run.publish import Scratch

@@ -3,13 +3,13 @@
 It stands where merge stands when the levels of a finished file are (re)built, under merge's name.
 """
 
+from gstream.compiled import compiled
 from gstream.formats.cells import SCENE, Scene
 from gstream.formats.columns import Block
 from gstream.formats.pile import PileWriter, read_pile_rows
 from gstream.formats.rows import names_json
 from gstream.grid import Grid
 from gstream.job import Job, Summary, Unit
-from gstream.kernels import filters as fast
 from gstream.read import BlockFile, BlockView, open_block_file
 from gstream.run.publish import Scratch
 from gstream.stages import levels
@@ -28,7 +28,7 @@ def work(job: Job, unit: Unit) -> None:
     """Copy the finest blocks to a pile, and publish their rows and the scene."""
     settings = job.voxelizing
     names = {name: f"{NAME}/{name}" for name in (ROWS, PILES, PILE, SCENE)}
-    with Scratch(job) as scratch, open_block_file(job.stream, filters=fast) as source:
+    with Scratch(job) as scratch, open_block_file(job.stream, choose=compiled) as source:
         scene = _scene(source)
         with (
             scratch.write(names[PILE]) as file,

@@ -7,6 +7,7 @@ from damaged_block_files import DAMAGE, GOOD
 
 from gstream.blockcheck import iter_findings
 from gstream.check import RULES
+from gstream.compiled import compiled
 from gstream.formats.findings import ERROR
 from gstream.read import open_block_file
 
@@ -36,6 +37,12 @@ def test_what_is_written_today_has_the_content_of_its_vector(name):
 @pytest.mark.parametrize("rule", DAMAGE)
 def test_a_bad_vector_breaks_the_rule_it_is_named_after(rule):
     assert rule in {f.rule for f in iter_findings(VECTORS / "bad" / f"{rule}.gsb")}
+
+
+@pytest.mark.parametrize("name", [f"good/{g}" for g in GOOD] + [f"bad/{b}" for b in DAMAGE])
+def test_both_arithmetics_find_the_same(name):
+    path = VECTORS / f"{name}.gsb"
+    assert list(iter_findings(path, choose=compiled)) == list(iter_findings(path))
 
 
 def test_every_rule_has_a_bad_vector_and_every_bad_vector_a_rule():

@@ -12,13 +12,13 @@ from zlib import crc32
 import numpy as np
 
 from gstream.check import check_file
+from gstream.compiled import compiled
 from gstream.errors import CorruptFileError, UnsupportedError
-from gstream.formats import filters as plain
 from gstream.formats import stream_filters as plain_stream
+from gstream.formats.arithmetic import Choice, plain
 from gstream.formats.findings import ERROR
 from gstream.formats.stream import StreamReader
 from gstream.formats.stream_parts import warm_filters
-from gstream.kernels import filters as compiled
 from gstream.kernels import indexing as compiled_stream
 from gstream.read import open_block_file
 
@@ -99,9 +99,9 @@ def _read_stream(path: Path, filters: ModuleType) -> str:
     return f"read {digest:08x}"
 
 
-def _read_blocks(path: Path, filters: ModuleType) -> str:
+def _read_blocks(path: Path, choose: Choice) -> str:
     digest = 0
-    with open_block_file(path, filters=filters) as file:
+    with open_block_file(path, choose=choose) as file:
         for level in reversed(range(file.levels)):
             for view in file.blocks(level):
                 for name in file.columns:

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import naive
+from gstream.formats import morton as plain
 from gstream.kernels import morton
 
 COORDINATE = st.integers(0, (1 << 21) - 1)
@@ -34,7 +35,13 @@ def test_local_codes_of_32_bits_decode_to_coordinates_up_to_255():
 def test_bounds_are_the_smallest_and_largest_coordinates(codes):
     points = np.array([naive.coordinates(code) for code in codes])
     bounds = tuple(points.min(axis=0).tolist()), tuple(points.max(axis=0).tolist())
-    assert morton.tight_bounds(np.array(codes, np.uint32)) == bounds
+    for rule in (morton, plain):
+        assert rule.tight_bounds(np.array(codes, np.uint32)) == bounds
+
+
+@given(st.integers(0, (1 << 63) - 1))
+def test_one_code_decodes_like_an_array_of_one(code):
+    assert plain.decode_one(code) == naive.coordinates(code)
 
 
 @pytest.mark.parametrize("log2_edge", [1, 3, 5])

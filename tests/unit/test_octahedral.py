@@ -111,6 +111,16 @@ def test_canonical_codes_are_one_for_each_direction(bits):
     assert plain.canonical_normals(border, bits).tolist() == [True, True, False, False, False]
 
 
+@pytest.mark.parametrize("bits", [8, 9])
+def test_both_forms_call_the_same_codes_canonical(bits):
+    edge = (1 << bits) - 1
+    fields = np.array([*range(edge + 3), 2 * edge, 65_534, 65_535], np.uint16)
+    codes = np.stack(np.meshgrid(fields, fields, indexing="ij"), axis=-1).reshape(-1, 2)
+    np.testing.assert_array_equal(
+        fast.canonical_normals(codes, bits), plain.canonical_normals(codes, bits)
+    )
+
+
 @given(st.sampled_from(NORMAL_BITS), st.lists(directions(), min_size=1, max_size=20))
 def test_codes_of_any_int64_direction_agree_with_the_naive_rule(bits, sums):
     wanted = [naive.encode_normal(*s, bits) for s in sums]

@@ -205,13 +205,13 @@ def test_a_picture_reads_no_block_of_another_level(
     from gstream import read
 
     path = written(scene_of(shell(60), resolution=64), tmp_path / "a.gsb")
-    levels, stored = set(), read.BlockView.stored
+    levels, stored = set(), read.BlockView._stored
 
     def spy(block: read.BlockView, name: str) -> bytes:
         levels.add((block.level, name))
         return stored(block, name)
 
-    monkeypatch.setattr(read.BlockView, "stored", spy)
+    monkeypatch.setattr(read.BlockView, "_stored", spy)
     level = render(path, tmp_path / "a.png", (50, 50)).level
     assert levels == {(level, name) for name in ("occupancy", "normal", "colour")}
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from small_block_files import ALL, Paging, file_bytes, random_scene
 
+from gstream.compiled import after, compiled
 from gstream.errors import CorruptFileError, UnsupportedError, UsageError
+from gstream.formats.arithmetic import PLAIN
 from gstream.formats.lodrule import decode_normals
 from gstream.formats.morton import decode_morton, encode_morton
 from gstream.read import open_block_file
@@ -53,6 +55,28 @@ def test_morton_codes_have_x_in_bit_0_y_in_bit_1_and_z_in_bit_2():
 def test_morton_codes_come_back_up_to_21_bits_per_axis():
     given = np.random.default_rng(1).integers(0, 1 << 21, (1000, 3))
     np.testing.assert_array_equal(decode_morton(encode_morton(given)), given)
+
+
+def test_both_arithmetics_read_the_same_values():
+    with open_block_file(DATA) as slow, open_block_file(DATA, choose=compiled) as fast:
+        for a, b in zip(slow.blocks(0), fast.blocks(0), strict=True):
+            for name in slow.columns:
+                np.testing.assert_array_equal(a.column(name), b.column(name))
+            for what in ("positions", "normals", "words", "octree"):
+                x, y = getattr(a, what)(), getattr(b, what)()
+                np.testing.assert_array_equal(x, y)
+                assert x.dtype == y.dtype
+
+
+def test_a_file_is_read_with_compiled_code_once_that_many_voxels_were_decoded():
+    voxels = sum(block.count for (level, _), block in SCENE.blocks.items() if level == 0)
+    with open_block_file(DATA, choose=after(2 * voxels)) as file:
+        used = []
+        for _ in range(3):
+            for view in file.blocks(0):
+                view.column("occupancy")
+            used.append(file.arithmetic(0) is PLAIN)
+    assert used == [True, True, False]
 
 
 def test_every_column_of_every_block_comes_back():

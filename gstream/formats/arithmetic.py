@@ -1,0 +1,48 @@
+"""What reading and checking blocks compute with: all of it in NumPy, or all of it compiled.
+
+Both give the same bits. Here: the interface and its NumPy form; gstream/compiled.py has the other,
+since formats know no compiler.
+"""
+
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream.formats import filters
+from gstream.formats.filters import Filters
+from gstream.formats.lodrule import (
+    U8,
+    U16,
+    U32,
+    Reduced,
+    canonical_normals,
+    decode_normals,
+    reduce_runs,
+)
+from gstream.formats.morton import Place, decode_morton, tight_bounds
+
+
+class Arithmetic(NamedTuple):
+    """One form of the block file's arithmetic; each field as its namesake in gstream/formats."""
+
+    filters: Filters
+    decode_morton: Callable[[NDArray[Any]], U32]
+    tight_bounds: Callable[[U32], tuple[Place, Place]]
+    decode_normals: Callable[[U16, int], NDArray[np.int32]]
+    canonical_normals: Callable[[U16, int], NDArray[np.bool_]]
+    reduce_runs: Callable[[U32, U8, U16, U8, U32, int, bool], Reduced]
+
+
+# Given the voxels decoded so far, the form to go on with: loading compiled code takes a while.
+Choice = Callable[[int], Arithmetic]
+
+PLAIN: Final = Arithmetic(
+    filters, decode_morton, tight_bounds, decode_normals, canonical_normals, reduce_runs
+)
+
+
+def plain(_: int = 0) -> Arithmetic:
+    """NumPy from the first voxel to the last."""
+    return PLAIN
