@@ -1,4 +1,3 @@
-# fmt: off
 """Reference decoder: refuses what a reader must notice, prints the digests of what it decodes."""
 import json
 import struct
@@ -32,12 +31,12 @@ def joined(planes, step, width):  # numbers from their planes of bits (step 1) o
 def below(codes, masks):  # Morton codes of the children that child masks name
     every = codes[:, None] << 3 | np.arange(8, dtype=codes.dtype)
     return every[np.unpackbits(masks[:, None], axis=1, bitorder="little").view(bool)]
-def rows(data, table, dtype, rule):  # what stands in the pages, or table pages, of a page table
+def rows(data, table, begin, dtype, rule):  # what stands in the (table) pages of a page table
     parts = [np.empty(0, dtype)]
-    for record in np.frombuffer(table, PAGE):
-        part = data[int(record["offset"]) :][: int(record["length"])]
-        parts.append(np.frombuffer(part, dtype))
-        need(len(parts[-1]) == record["count"] > 0 and crc32(part) == record["crc"], rule)
+    for level, zero, count, key, at, length, crc in np.frombuffer(table, PAGE).tolist():
+        parts.append(np.frombuffer(data[at : at + length], dtype))
+        need(at >= begin and not any(zero) and len(parts[-1]) == count in range(1, 1025), rule)
+        need(crc32(parts[-1]) == crc and parts[-1][["level", "key"]].item(0) == (level, key), rule)
     return np.concatenate(parts)
 def blocks(data):  # (level, counts, {column: (components, n) values}) of each block with voxels
     end, length = int.from_bytes(data[28:32], "little") - 4, len(data).to_bytes(8, "little")
@@ -45,27 +44,28 @@ def blocks(data):  # (level, counts, {column: (components, n) values}) of each b
     need(data[12] <= 1 and not any(data[13:14] + data[16:20]), "unsupported")
     tail = b"\x89GSBTAIL\r\n\x1a\n" + length + data[40:56] + data[end : end + 4] + bytes(20)
     need(data[32:40] == length and data[-64:-4] == tail and sealed(data[-64:], 60), "GSB-0102")
-    resolution, _, levels, log2, *_, bits = struct.unpack_from("<I9B", data, 56)
+    size, snap, levels, log2, kind, *codes, bits = struct.unpack_from("<I9B", data, 56)
     count, _, pages, depth, _, sections = struct.unpack_from("<QQIBBB", data, 216)
-    need(0 < resolution <= 1 << 16 and 0 < levels < 18 and 3 <= log2 <= 8 <= bits <= 12, "GSB-0105")
+    need(0 < size <= 1 << 16 and 0 < levels < 18 and 3 <= log2 <= 8 <= bits <= 12, "GSB-0105")
+    need(snap <= 16 and kind in (1, 6, 26) and max(codes) <= 1 and depth in (1, 2), "GSB-0105")
     table = [struct.unpack_from("<4sIQQ", data, 256 + 32 * i) for i in range(sections)]
-    need([row[0] for row in table[:4]] == [b"LEVL", b"COLM", b"PAGE", b"META"], "GSB-0201")
-    need(not any(row[1] & 1 for row in table[4:]), "unsupported")
-    _, names, table, _ = (data[at : at + size] for _, _, at, size in table[:4])
+    need([row[0] for row in table if row[1] & 1] == b"LEVL COLM PAGE META".split(), "unsupported")
+    begin, data = end + 4, data[: -64 - sum(row[3] for row in table if row[1] & 1 == 0)]
+    _, names, table, _ = (data[at : at + size] for _, critical, at, size in table if critical & 1)
     names = {i: name.rstrip(b"\0").decode() for i, name in struct.iter_unpack("<H6x24s", names)}
-    table = rows(data, table, PAGE, "GSB-0207") if depth == 2 else np.frombuffer(table, PAGE)
-    entries = rows(data, table, [*ENTRY, *((str(i), RECORD) for i in names)], "GSB-0301")
-    key, level = entries["key"], entries["level"].astype("i8")
-    need((len(table), len(entries)) == (pages, count) and (level < levels).all(), "GSB-0206")
-    need((np.diff(key.astype("i8") - (level << 48)) > 0).all(), "GSB-0303")
+    table = rows(data, table, begin, PAGE, "GSB-0207") if depth == 2 else np.frombuffer(table, PAGE)
+    entries = rows(data, table, begin, [*ENTRY, *((str(i), RECORD) for i in names)], "GSB-0301")
+    need((len(table), len(entries)) == (pages, count) and count <= 1 << 24, "GSB-0206")
+    key, level = entries["key"].astype("i8"), entries["level"].astype("i8")
+    need((np.diff(key - (level << 48)) > 0).all(), "GSB-0303")
+    need((level < np.where(entries["children"], levels, 1)).all(), "GSB-0306")
     for n in range(levels):
         here, finer = entries[level == n], entries[level == n - 1]
         need(np.array_equal(below(here["key"], here["children"]), finer["key"]), "GSB-0306")
-    for entry in entries[entries["state"] != 0]:
-        need(1 <= entry["count"] <= 8**log2, "GSB-0409")
-        found = {names[i]: column(data, entry, i, log2, bits) for i in names}
-        found["key"] = entry["key"]
-        yield int(entry["level"]), {"blocks": 1, "voxels": int(entry["count"])}, found
+    for row in entries[entries["state"] != 0]:
+        need(1 <= row["count"] <= 8**log2, "GSB-0409")
+        found = {"key": row["key"]} | {names[i]: column(data, row, i, log2, bits) for i in names}
+        yield int(row["level"]), {"blocks": 1, "voxels": int(row["count"])}, found
 def column(data, entry, id_, log2, normal_bits):  # None: a kind, codec or filter that is unknown
     offset, stored, raw, crc, constant, codec, filter_, _ = entry[str(id_)].item()
     part, n = data[offset : offset + stored], int(entry["count"])
@@ -80,8 +80,7 @@ def column(data, entry, id_, log2, normal_bits):  # None: a kind, codec or filte
         value = [constant >> 8 * item * i & (1 << 8 * item) - 1 for i in range(components)]
         need(max(value) >> bits == constant >> 8 * item * components == stored == 0, "GSB-0403")
         return np.repeat(np.array(value, f"<u{item}")[:, None], n, axis=1)
-    size = raw if filter_ < 2 else components * bits * ((n + 7) // 8)
-    part = unpack(part, codec, size, "GSB-0401")
+    part = unpack(part, codec, raw if filter_ < 2 else components * bits * -(-n // 8), "GSB-0401")
     if id_ == 1:
         values = np.zeros(1, np.uint32)
         for _ in range(log2):
@@ -90,10 +89,9 @@ def column(data, entry, id_, log2, normal_bits):  # None: a kind, codec or filte
             values = below(values, masks)
         need(len(part) == 0 and len(values) == n, "GSB-0408")
         return values
-    if filter_ == 0:
-        values = part.view(f"<u{item}").reshape(components, n)
-    elif filter_ == 1:
-        values = joined(part.reshape(components, item, n).swapaxes(0, 1), 8, item)
+    if filter_ < 2:
+        part = part.reshape((components, item, n) if filter_ else (components, n, item))
+        values = joined(np.moveaxis(part, 2 - filter_, 0), 8, item)
     else:
         planes = part.reshape(components, bits, -1).swapaxes(0, 1)
         values = joined((np.unpackbits(plane, 1, n, "little") for plane in planes), 1, item)
@@ -106,14 +104,14 @@ def column(data, entry, id_, log2, normal_bits):  # None: a kind, codec or filte
 def stream(data):  # (0, counts, {attribute: (components, n) values}) of each chunk
     version, _, incompatible, _, _, count, _, text = struct.unpack_from("<HHIIIHHI", data, 12)
     at = 36 + 32 * count + text
-    need(version <= 1, "unsupported")
+    need(version <= 1 and not incompatible, "unsupported")
     need(count <= 32 and text <= 1 << 20 and sealed(data, at), "GST-0003")
-    need(not incompatible, "unsupported")
     length, end, size, *crcs, magic = struct.unpack("<QQQI4sI12s", data[-48:])
     need(magic == data[:12] and length == len(data) == end + size + 48, "GST-0201")
     need(crcs == [crc32(data[end:-48]), data[at : at + 4], crc32(data[-48:-16])], "GST-0202")
     magic, count, text, zero = struct.unpack_from("<4sIII", data, end)
     need((magic, zero, size) == (b"GDIR", 0, 16 + 72 * count + text), "GST-0206")
+    need(count <= 1 << 24 and text <= 1 << 22, "GST-0212")
     for row in range(end + 16, end + 16 + 72 * count, 72):
         begin, at = at + 4, at + int.from_bytes(data[row + 8 : row + 12], "little")
         need(int.from_bytes(data[row : row + 8], "little") == begin and at + 4 <= end, "GST-0208")
@@ -121,18 +119,17 @@ def stream(data):  # (0, counts, {attribute: (components, n) values}) of each ch
     need(at + 4 == end, "GST-0208")
 def chunk(data, row):
     magic, width, parts, triangles, vertices, _, payload = struct.unpack_from("<4sHHIIII", data)
-    at, found = 84 + 20 * parts, {}
+    at, found, stated = 84 + 20 * parts, {}, np.frombuffer(data[32:80])
     need(magic == b"CHNK" and parts <= 32 and sealed(data, at - 4), "GST-0103")
-    need(row == data[8:20] + data[32:80] and len(data) == at + payload, "GST-0207")
     records = list(struct.iter_unpack("<HBBB3xIII", data[80 : at - 4]))
-    need(max(triangles, vertices) <= 65536 and payload == sum(r[4] for r in records), "GST-0104")
-    ids = [record[0] for record in records]
-    need(len(ids) == len(set(ids)) and (1 in ids) != (2 in ids), "GST-0108")
-    need((width, ids[0] == 0, 0 in ids) in ((0, 0, 0), (2, 1, 1)), "GST-0108")
-    need(width or vertices == 3 * triangles, "GST-0109")
+    ids, *_, sizes, _, _ = zip(*records, strict=True)
+    need(data[8:20] + data[32:80] == row and len(data) - at == payload == sum(sizes), "GST-0207")
+    need(max(triangles, vertices) <= 65536 and np.isfinite(stated).all(), "GST-0104 or GST-0115")
+    need(len(set(ids)) == parts and (1 in ids) != (2 in ids) and 0 not in ids[1:], "GST-0108")
+    need(width == 2 * (0 in ids) and (width or vertices == 3 * triangles), "GST-0109")
     for id_, domain, filter_, codec, stored, raw, crc in records:
         part, at, found[id_] = data[at : at + stored], at + stored, None
-        need(crc32(part) == crc, "GST-0111")
+        need(crc32(part) == crc and raw <= 1 << 26, "GST-0111")
         item, components, domains, filters = ATTRIBUTES.get(id_, (0, 0, (), ()))
         known = domain in domains and filter_ in filters and codec < 3
         if not known or (filter_ in (4, 5) and found.get(0, 0) is None):
@@ -154,7 +151,7 @@ def chunk(data, row):
         if id_ in (1, 2):
             points = values.view(f"<f{item}") if n else np.zeros((1, 3))
             box = np.array([points.min(axis=0), points.max(axis=0)], float) + 0.0
-            need(np.isfinite(box).all() and box.tobytes() == data[32:80], "GST-0117")
+            need(box.tobytes() == stated.tobytes(), "GST-0117")
         found[id_] = values.T
     return {"chunks": 1, "triangles": triangles, "vertices": vertices}, found
 def connect(data, start, triangles, vertices):  # vertices of the corners; codes stand before start
@@ -165,7 +162,7 @@ def connect(data, start, triangles, vertices):  # vertices of the corners; codes
         while len(new) < 3:
             number = next(numbers, 1 << 17) if code % 2 else 0
             new.append(mark - number if number or mark < 65536 else 0)
-            need(0 <= new[-1] < vertices, "GST-0114")
+            need(0 <= new[-1] < vertices and (code % 2 or mark < vertices), "GST-0114")
             mark += number == 0 and mark < vertices
         a, b, c = new
         corners += [(a, b, c), (c, a, b), (b, c, a)][code // 2 % 3 if code < 255 else 0]
@@ -182,18 +179,21 @@ def undelta(planes, corners, ordered):  # values from their differences to earli
     for i in range(len(values) - 1):
         values[i] += values[base.get(i, i - 1)]
     return np.where(values < half, ~values, values ^ half)[:-1] if ordered else values[:-1]
+def read(data):  # what `blocks` or `stream` gives; a broken file raises ValueError, nothing else
+    kinds = {b"\x89GSB 1.0\r\n\x1a\n": blocks, b"\x89GST 1.0\r\n\x1a\n": stream}
+    try:
+        yield from kinds[data[:12]](data)
+    except (LookupError, struct.error, lz4.block.LZ4BlockError) as error:
+        raise ValueError(f"malformed: {error}") from error
 def summary(data):  # how much there is, with digests, of each level; a stream is one level
-    kinds, levels = {b"\x89GSB 1.0\r\n\x1a\n": blocks, b"\x89GST 1.0\r\n\x1a\n": stream}, {}
-    need(data[:12] in kinds, "GSB-0101 or GST-0001")
-    for number, counts, found in kinds[data[:12]](data):
-        level = levels.setdefault(number, {"level": number, "columns": {}})
-        level |= {what: level.get(what, 0) + count for what, count in counts.items()}
+    levels = {}
+    for number, counts, found in read(data):
+        total, columns = levels.setdefault(number, ({"level": number}, {}))
+        total |= {what: total.get(what, 0) + count for what, count in counts.items()}
         for name, values in found.items():
-            digest = level["columns"].setdefault(name, blake2b(digest_size=16))
-            if values is None or digest is None:
-                level["columns"][name] = None  # it cannot be read
-            else:
-                digest.update(values.T.tobytes())
-    return {"levels": [levels[number] for number in sorted(levels)]}
+            columns[name] = None if values is None else columns.get(name, blake2b(digest_size=16))
+            if columns[name]:  # and not None: all that came so far could be read
+                columns[name].update(values.T.tobytes())
+    return {"levels": [total | {"columns": c} for _, (total, c) in sorted(levels.items())]}
 if __name__ == "__main__":
     print(json.dumps(summary(np.fromfile(sys.argv[1], "u1").tobytes()), default=blake2b.hexdigest))

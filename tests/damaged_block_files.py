@@ -162,6 +162,20 @@ def split_group() -> bytes:
         return tiny_file()
 
 
+def childless() -> bytes:
+    """A block of level 1 that is stated to be empty and has no children."""
+    scene = random_scene(resolution=32, voxels=2, seed=5)
+    key = next(key for key in range(8) if (1, key) not in scene.blocks)
+
+    def alter(rows: np.ndarray) -> np.ndarray:
+        empty = np.zeros(1, rows.dtype)
+        empty["key"], empty["level"] = key, 1
+        rows["children"][rows["level"] == 2] |= 1 << key
+        return np.concatenate([rows, empty])
+
+    return file_bytes(scene, alter_rows=alter)
+
+
 def empty_with_voxels() -> bytes:
     return patch().entry(1, "state", 0).sealed()
 
@@ -234,6 +248,7 @@ DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0304": split_group,
     "GSB-0305": lambda: patch().entry(1, "high", 200).sealed(),
     "GSB-0306": lambda: with_rows(("children", -1, 1)),
+    "GSB-0306-no-children": childless,
     "GSB-0307": lambda: tiny_file(alter_rows=lambda rows: rows[rows["level"] == 0]),
     "GSB-0308": empty_with_voxels,
     "GSB-0309": lambda: patch().entry(1, "zero", 1).sealed(),

@@ -185,7 +185,9 @@ def check_entries(rows: Rows, head: Head, path: str, at: int) -> None:
     refuse("GSB-0305", bounds | (rows["state"] > STATE_DATA), "has an impossible state or bounds")
     count = (rows["count"] > edge**3) | (data & (rows["count"] == 0))
     refuse("GSB-0409", count, "has no voxels, or more than its volume")
-    refuse("GSB-0305", (rows["level"] == 0) & (rows["children"] != 0), "has children at level 0")
+    childless = rows["children"] == 0
+    refuse("GSB-0305", (rows["level"] == 0) & ~childless, "has children at level 0")
+    refuse("GSB-0306", (rows["level"] != 0) & childless, "has no children above level 0")
     spare = rows["zero"].any(axis=1) | (rows["flags"] != 0)
     spare |= stacked(rows, head.columns, "zero").any(axis=(1, 2))
     refuse("GSB-0309", spare, "has reserved bytes that are not zero")

@@ -19,8 +19,8 @@ from gstream.formats import stream_filters
 from gstream.formats.framing import STREAM_MAGIC, crc32, parse_object
 from gstream.formats.stream_chunk import (
     COLOUR,
+    DESCRIBED,
     HEAD_READ,
-    KNOWN,
     NORMAL,
     POSITION_F4,
     POSITION_F8,
@@ -48,7 +48,7 @@ VERSION: Final = 1
 DIRECTORY_MAGIC: Final = b"GDIR"
 MAX_ATTRIBUTES: Final = 32
 MAX_METADATA: Final = 1 << 20  # bytes of JSON
-MAX_TOTALS: Final = 16 << 20  # bytes of JSON
+MAX_TOTALS: Final = 4 << 20  # bytes of JSON
 MAX_CHUNKS: Final = 1 << 24
 
 HEADER: Final = Struct("<12sHHIIIHHI")  # 36 bytes: see Header
@@ -317,7 +317,7 @@ def _read_attribute(data: bytes, at: int, path: str) -> Attribute:
     if zero or b"\0" in word or not word.isascii() or id_ == 0:
         raise CorruptFileError("GST-0006", path, at, "an attribute descriptor is malformed")
     attribute = Attribute(id_, dtype, components, word.decode("ascii"))
-    known = KNOWN.get(id_)
+    known = DESCRIBED.get(id_)
     if attribute != (known or attribute):
         said = f"attribute {id_} is not {known.name if known else ''} as the spec has it"
         raise CorruptFileError("GST-0006", path, at, said)

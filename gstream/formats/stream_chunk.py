@@ -65,7 +65,11 @@ POSITION_F4: Final = Attribute(1, 4, 3, "position")
 POSITION_F8: Final = Attribute(2, 5, 3, "position")
 NORMAL: Final = Attribute(3, 4, 3, "normal")
 COLOUR: Final = Attribute(4, 1, 4, "colour")
+UV: Final = Attribute(5, 4, 2, "uv")
+MATERIAL: Final = Attribute(6, 2, 1, "material")
+OBJECT: Final = Attribute(7, 3, 1, "object")
 KNOWN: Final = {a.id: a for a in (INDEX, POSITION_F4, POSITION_F8, NORMAL, COLOUR)}
+DESCRIBED: Final = KNOWN | {a.id: a for a in (UV, MATERIAL, OBJECT)}  # the last three: reserved
 
 
 DOMAINS: Final = {  # where this version reads each attribute

@@ -78,7 +78,7 @@ def undo_edge_codes(codes: Array, extra: Array, vertices: int, indices: Array) -
     found: list[int] = []
     for code in codes.tolist():
         slot, corner, hit = code // 6, code // 2 % 3, code != MISS
-        if hit and slot >= len(last.edges):
+        if hit and (slot >= len(last.edges) or (code % 2 == 0 and mark == vertices)):
             return -1
         triangle = list(last.edges[slot]) if hit else []
         while len(triangle) < 3:

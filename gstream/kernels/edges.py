@@ -97,7 +97,7 @@ def undo_edge_codes(codes: Array, extra: Array, vertices: int, indices: Array) -
         if code != MISS:
             slot, corner = code // 6, code // 2 % 3
             edge = edges[(head - 1 - slot) & 15] if slot < FIFO else -1
-            if edge < 0:
+            if edge < 0 or (code & 1 == 0 and mark == vertices):
                 return -1
             found[0], found[1] = edge >> 16, edge & 0xFFFF
             fresh = 1

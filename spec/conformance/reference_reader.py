@@ -2,12 +2,9 @@
 
 import json
 import runpy
-import struct
 import sys
 from hashlib import blake2b
 from pathlib import Path
-
-from lz4.block import LZ4BlockError
 
 summary = runpy.run_path(str(Path(__file__).resolve().parents[1] / "reference_decoder.py"))[
     "summary"
@@ -19,13 +16,7 @@ def answer(path):
     try:
         return {"valid": True, "codes": [], "content": summary(Path(path).read_bytes())}
     except ValueError as error:
-        said = str(error)
-    except (IndexError, LZ4BlockError, struct.error):
-        said = "malformed"  # lengths that do not fit, or a broken LZ4 block
-    return {
-        "valid": False,
-        "codes": [said if said[:4] in ("GSB-", "GST-", "unsu") else "malformed"],
-    }
+        return {"valid": False, "codes": [str(error)]}
 
 
 for line in sys.stdin:

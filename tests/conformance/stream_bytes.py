@@ -95,6 +95,7 @@ class StreamBytes:
     sources: tuple[dict[str, Any], ...] | None = (counters(1, 1),)
     box: Any = ((0.0, 0.0, 0.0), (1.0, 2.0, 0.0))
     totals: bytes | None = None
+    totals_bytes: int | None = None
     versions: tuple[int, int] = (1, 1)
     features: tuple[int, int, int] = (0, 0, 0)
     attribute_count: int | None = None
@@ -126,7 +127,8 @@ class StreamBytes:
             said = {"sources": self.sources, "box": self.box}
             text = json.dumps(said, sort_keys=True, separators=(",", ":")).encode()
         count = len(self.chunks) if self.chunk_count is None else self.chunk_count
-        head = struct.pack("<4sIII", self.directory_magic, count, len(text), 0)
+        size = len(text) if self.totals_bytes is None else self.totals_bytes
+        head = struct.pack("<4sIII", self.directory_magic, count, size, 0)
         return head + self.edit_rows(rows) + text
 
     def write(self) -> bytes:
@@ -184,6 +186,29 @@ EDGE_CHUNK = replace(
     parts=(PartBytes(0, 1, EDGE_CODES, filter=6), PartBytes(1, 0, floats(FAN))),
     degenerate=0,
 )
+
+
+def full_chunk(last: int, *numbers: int) -> StreamBytes:
+    """65 536 triangles on 65 536 vertices, all in one place; the last one has the edge code `last`.
+
+    numbers : those that the codes take after the three of the first triangle
+    """
+    codes = bytes([255]) + bytes(65_533) + bytes([1, last])
+    low = bytes([0, 0, 0, *(number & 255 for number in numbers)])
+    high = bytes([0, 0, 0, *(number >> 8 for number in numbers)])
+    raw = codes + low + high
+    parts = (
+        PartBytes(0, 1, pack(raw), len(raw), filter=6, codec=1),
+        PartBytes(1, 0, bytes(12), codec=2),
+    )
+    chunk = replace(
+        FAN_CHUNK, parts=parts, triangles=65_536, vertices=65_536, degenerate=65_536, non_finite=0,
+        box=(0.0,) * 6,
+    )  # fmt: skip
+    sources = (counters(65_536, 65_536, 0, 65_536),)
+    return replace(SMALLEST, chunks=(chunk,), sources=sources, box=((0.0,) * 3, (0.0,) * 3))
+
+
 UNKNOWN_PART = PartBytes(900, 7, b"unknown domain, filter and codec", filter=99, codec=77)
 EMPTY_CHUNK = ChunkBytes((PartBytes(1, 0, b""),), 0, 0, non_finite=5, box=(0.0,) * 6)
 
@@ -217,6 +242,7 @@ GOOD: dict[str, StreamBytes] = {
         attributes=(POSITION, (900, 2, 7, b"from the future")),
     ),
     "stream-ignorable-features": replace(SMALLEST, versions=(1, 9), features=(0, 6, 5)),
+    "stream-full-chunk": full_chunk(1, 0, 1),  # the 0 is vertex 0, the mark being 65 536
 }
 
 NEWER: dict[str, StreamBytes] = {
@@ -250,6 +276,7 @@ def _bad() -> dict[str, bytes]:
         "GST-0004": replace(SMALLEST, attribute_count=33),
         "GST-0005": replace(SMALLEST, header_zero=1),
         "GST-0006": twice,
+        "GST-0006-reserved": replace(SMALLEST, attributes=(POSITION, (5, 4, 3, b"uv"))),
         "GST-0007": replace(SMALLEST, metadata=b"[]"),
         "GST-0101": with_chunk(magic=b"CHNC"),
         "GST-0102": with_chunk(part_count=32),
@@ -264,6 +291,7 @@ def _bad() -> dict[str, bytes]:
         "GST-0112": with_fan_index(PartBytes(0, 1, raw_index)),
         "GST-0113": with_fan_index(broken),
         "GST-0114": with_fan_index(above),
+        "GST-0114-even-code": full_chunk(0, 0),
         "GST-0115": with_chunk(box=nan_box),
         "GST-0116": with_chunk(degenerate=1),
         "GST-0117": with_chunk(box=(0.0, 0.0, 0.0, 1.0, 3.0, 0.0)),
@@ -279,6 +307,7 @@ def _bad() -> dict[str, bytes]:
         "GST-0210": replace(SMALLEST, sources=(counters(2, 1),)),
         "GST-0211": wrong_header,
         "GST-0212": replace(SMALLEST, chunk_count=1 << 25),
+        "GST-0212-totals": replace(SMALLEST, totals_bytes=(4 << 20) + 1),
         "GST-0213": replace(SMALLEST, box=None),
     }
     whole = SMALLEST.write()

@@ -34,9 +34,9 @@ def test_what_is_written_today_has_the_content_of_its_vector(name):
     assert GOOD[name]()[40:56] == vector[40:56]
 
 
-@pytest.mark.parametrize("rule", DAMAGE)
-def test_a_bad_vector_breaks_the_rule_it_is_named_after(rule):
-    assert rule in {f.rule for f in iter_findings(VECTORS / "bad" / f"{rule}.gsb")}
+@pytest.mark.parametrize("name", DAMAGE)
+def test_a_bad_vector_breaks_the_rule_it_is_named_after(name):
+    assert name[:8] in {f.rule for f in iter_findings(VECTORS / "bad" / f"{name}.gsb")}
 
 
 @pytest.mark.parametrize("name", [f"good/{g}" for g in GOOD] + [f"bad/{b}" for b in DAMAGE])
@@ -46,4 +46,4 @@ def test_both_arithmetics_find_the_same(name):
 
 
 def test_every_rule_has_a_bad_vector_and_every_bad_vector_a_rule():
-    assert {rule.id for rule in RULES} == {p.stem for p in (VECTORS / "bad").glob("GSB-*.gsb")}
+    assert {rule.id for rule in RULES} == {p.stem[:8] for p in (VECTORS / "bad").glob("GSB-*")}

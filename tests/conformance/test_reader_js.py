@@ -152,7 +152,7 @@ def broken_rules(path: Path) -> set[str]:
 @pytest.mark.parametrize("path", BAD, ids=lambda path: path.stem)
 def test_a_bad_vector_is_refused_by_a_rule_that_check_finds_broken(path, answers) -> None:
     answer = answers[path]
-    if path.stem in NOT_A_READERS:
+    if path.stem[:8] in NOT_A_READERS:
         assert answer["valid"]
     else:
         assert not answer["valid"]

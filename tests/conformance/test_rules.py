@@ -34,4 +34,4 @@ def test_the_section_of_a_rule_names_it(spec, rule):
 
 
 def test_the_bad_vectors_are_named_after_all_rules():
-    assert {rule.id for _, rule in RULES} == {path.stem for path in VECTORS.glob("G??-????.*")}
+    assert {rule.id for _, rule in RULES} == {path.stem[:8] for path in VECTORS.glob("G??-*")}

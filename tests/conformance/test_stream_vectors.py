@@ -49,20 +49,20 @@ def test_a_good_vector_has_no_findings(name):
     assert rules_of(VECTORS / "good" / f"{name}.gst") == []
 
 
-@pytest.mark.parametrize("rule", BAD)
-def test_a_bad_vector_is_as_the_spec_makes_it(rule):
-    assert (VECTORS / "bad" / f"{rule}.gst").read_bytes() == BAD[rule]
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_vector_is_as_the_spec_makes_it(name):
+    assert (VECTORS / "bad" / f"{name}.gst").read_bytes() == BAD[name]
 
 
-@pytest.mark.parametrize("rule", BAD)
-def test_a_bad_vector_breaks_the_rule_it_is_named_after_first(rule):
-    assert rules_of(VECTORS / "bad" / f"{rule}.gst")[0] == rule
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_vector_breaks_the_rule_it_is_named_after_first(name):
+    assert rules_of(VECTORS / "bad" / f"{name}.gst")[0] == name[:8]
 
 
 def test_every_rule_of_the_spec_is_in_the_source_and_has_a_bad_vector():
     table = rules_in(RULES.read_text())
     assert table == rules_in("".join(path.read_text() for path in SOURCES))
-    assert table == {path.stem for path in (VECTORS / "bad").glob("GST-*")}
+    assert table == {path.stem[:8] for path in (VECTORS / "bad").glob("GST-*")}
 
 
 @pytest.mark.parametrize("what", NEWER)

@@ -92,6 +92,17 @@ def test_the_reference_decoder_ends_in_bounded_time_and_memory(hostile, referenc
     assert [f for f, said in zip(hostile, reference, strict=True) if isinstance(said, harm)] == []
 
 
+def test_the_reference_decoder_raises_no_other_error_than_value_error(hostile, reference):
+    wrong = [said for said in reference if not isinstance(said, dict | ValueError)]
+    assert wrong == []
+
+
+def test_the_reference_decoder_refuses_what_a_reader_must(hostile, reference):
+    for file, said in zip(hostile, reference, strict=True):
+        if READER_RULES & set(file.checked.split()):
+            assert not isinstance(said, dict), file
+
+
 def test_the_reference_decoder_reads_what_check_finds_valid(hostile, reference):
     for file, said in zip(hostile, reference, strict=True):
         if file.checked == "valid":

@@ -236,6 +236,7 @@ function checkEntry(entry, head, refuse) {
     refuse('GSB-0305', 'has an impossible state or bounds');
   }
   if (level === 0 && children !== 0) refuse('GSB-0305', 'has children at level 0');
+  if (level !== 0 && children === 0) refuse('GSB-0306', 'has no children above level 0');
   if (count > edge ** 3 || (state === DATA && count === 0)) {
     refuse('GSB-0409', 'has no voxels, or more than its volume');
   }

@@ -159,7 +159,7 @@ function parseDirectory(data, offset, begin) {
   };
   const view = viewOf(data);
   const [count, text] = [view.getUint32(4, true), view.getUint32(8, true)];
-  if (count > 2 ** 24 || text > 2 ** 24) refuse('GST-0212', 'the directory is above a limit');
+  if (count > 2 ** 24 || text > 2 ** 22) refuse('GST-0212', 'the directory is above a limit');
   const end = 16 + ROW_BYTES * count;
   const magic = view.getUint32(0, false) === 0x47444952;
   if (!magic || !zeros(data, 12, 16) || data.length !== end + text) {
