@@ -82,9 +82,13 @@ export class BlockFile {
 
   /** Read the run of the coarsest levels, with one request or none; later reads use it. */
   async loadOpening() {
-    if (this.#opening.length < this.head.openingBytes) {
-      this.#opening = await this.read(this.head.headBytes, this.head.openingBytes);
-    }
+    const there = this.#opening;
+    const { headBytes, openingBytes } = this.head;
+    if (there.length >= openingBytes) return;
+    const rest = await this.read(headBytes + there.length, openingBytes - there.length);
+    this.#opening = new Uint8Array(openingBytes);
+    this.#opening.set(there);
+    this.#opening.set(rest, there.length);
   }
 
   /**

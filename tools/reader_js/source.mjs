@@ -85,10 +85,8 @@ export class HttpSource {
   async read(offset, length) {
     if (length === 0) return new Uint8Array(0);
     const headers = { Range: `bytes=${offset}-${offset + length - 1}` };
-    if (this.#tag) headers['If-Match'] = this.#tag;
     const response = await fetch(this.name, { headers });
     if (response.status === 416) return new Uint8Array(0); // the file ends before `offset`
-    if (response.status === 412) throw new UnsupportedError(`${this.name} changed: open it again`);
     if (response.status !== 206) {
       await response.body?.cancel();
       const said = response.ok ? 'ignores range requests' : `answered ${response.status}`;
@@ -98,17 +96,19 @@ export class HttpSource {
     return await this.#body(response, length);
   }
 
-  /** Length and entity tag, from the first answer; both are needed on all later ones. */
+  /**
+   * Length and entity tag, from the first answer; later ones must have the same. `If-Match` would tell as
+   * much, but across origins it costs a preflight request, and fails where the server does not allow it.
+   */
   #learn(headers) {
     const range = /^bytes \d+-\d+\/(\d+)$/.exec(headers.get('content-range') ?? '');
-    if (range) {
-      if (this.size !== undefined && this.size !== Number(range[1])) {
-        throw new UnsupportedError(`${this.name} changed: open it again`);
-      }
-      this.size = Number(range[1]);
+    const size = range ? Number(range[1]) : this.size;
+    const tag = headers.get('etag') ?? this.#tag;
+    if (size !== (this.size ?? size) || tag !== (this.#tag ?? tag)) {
+      throw new UnsupportedError(`${this.name} changed: open it again`);
     }
-    const tag = headers.get('etag');
-    if (tag && !tag.startsWith('W/')) this.#tag ??= tag; // a weak tag never satisfies If-Match
+    this.size = size;
+    this.#tag = tag;
   }
 
   /** The body; memory grows with what arrives, not with what the header of the answer promises. */

@@ -28,6 +28,7 @@ for (const depth of [1, 2]) {
     assert.equal(file.head.depth, depth);
     assert.equal(server.requests.length, 2);
     assert.equal(server.requests[0], 'bytes=0-65535');
+    assert.match(server.requests[1], /^bytes=65536-/);
   });
 
   test(`depth ${depth}: any block takes ${depth + 2} requests at most`, { skip }, async (context) => {
@@ -98,6 +99,15 @@ test('a file that changed behind its URL is noticed', { skip: !process.env.GSB_D
   const file = await openBlockFile(server.url);
   server.tag = '"2"';
   await assert.rejects(file.loadOpening(), /changed/);
+});
+
+test('no header but the range needs a server that allows it', { skip: !process.env.GSB_DEPTH_1 }, async (context) => {
+  const server = await serve(context, new Uint8Array(readFileSync(process.env.GSB_DEPTH_1)));
+  await (await openBlockFile(server.url)).loadOpening();
+  assert.equal(server.headers.length, 2);
+  for (const headers of server.headers) {
+    assert.deepEqual(Object.keys(headers).filter((name) => name.startsWith('if-')), []);
+  }
 });
 
 test('a file that is shorter than its head says is cut', async (context) => {

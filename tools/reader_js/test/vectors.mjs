@@ -23,20 +23,18 @@ export function vector(kind, name) {
  * @param {import('node:test').TestContext} context
  * @param {Uint8Array} data
  * @param {{ranges?: boolean, extra?: number}} [faults] ignore ranges; send that many bytes too many
- * @returns {Promise<{url: string, requests: string[], data: Uint8Array, tag: string}>} what was asked
- *   for; data and tag may be changed
+ * @returns {Promise<{url: string, requests: string[], headers: object[], data: Uint8Array, tag: string}>}
+ *   the ranges asked for, and all headers; data and tag may be changed
  */
 export async function serve(context, data, { ranges = true, extra = 0 } = {}) {
-  const served = { url: '', requests: [], data, tag: '"1"' };
+  const served = { url: '', requests: [], headers: [], data, tag: '"1"' };
   const server = createServer((request, response) => {
     served.requests.push(request.headers.range);
+    served.headers.push(request.headers);
     const [, first, last] = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range).map(Number);
-    const wanted = request.headers['if-match'];
     const size = served.data.length;
     if (!ranges) {
       response.writeHead(200).end(served.data);
-    } else if (wanted && wanted !== served.tag) {
-      response.writeHead(412).end();
     } else if (first >= size) {
       response.writeHead(416, { 'Content-Range': `bytes */${size}` }).end();
     } else {
