@@ -19,6 +19,7 @@ from gstream.formats.arithmetic import Choice, plain
 from gstream.formats.findings import ERROR
 from gstream.formats.stream import StreamReader
 from gstream.formats.stream_parts import warm_filters
+from gstream.kernels import filters
 from gstream.kernels import indexing as compiled_stream
 from gstream.read import open_block_file
 
@@ -60,7 +61,7 @@ def limited_memory(more: int = ALLOCATION) -> Iterator[None]:
 
 def warm() -> None:
     """Compile what is compiled, before time and memory are limited."""
-    compiled.warm()
+    filters.warm()
     warm_filters(compiled_stream)
 
 
