@@ -10,7 +10,7 @@ from zlib import crc32 as running_crc
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.contentcheck import Content, Progress, broken
+from gstream.contentcheck import Content, Progress
 from gstream.errors import CorruptFileError
 from gstream.formats.arithmetic import Choice, plain
 from gstream.formats.blockhead import check_tail
@@ -22,7 +22,7 @@ from gstream.formats.directory import (
     payload_offsets,
     stacked,
 )
-from gstream.formats.findings import ERROR, Finding
+from gstream.formats.findings import ERROR, Finding, broken
 from gstream.formats.pages import rank
 from gstream.read import BlockFile, open_block_file
 from gstream.source import Source

@@ -12,11 +12,10 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from gstream import blockcheck
-from gstream.contentcheck import broken
 from gstream.errors import CorruptFileError, UsageError
 from gstream.formats import stream_check
 from gstream.formats.arithmetic import Choice, plain
-from gstream.formats.findings import ERROR, NOTE, READER, VALIDATOR, Finding, Rule
+from gstream.formats.findings import ERROR, NOTE, READER, VALIDATOR, Finding, Rule, broken
 from gstream.formats.framing import BLOCK_MAGIC, STREAM_MAGIC
 from gstream.source import is_url
 
@@ -184,7 +183,7 @@ def check_file(
     magic = BLOCK_MAGIC if is_url(name) else _magic(name)
     if magic == STREAM_MAGIC or (magic != BLOCK_MAGIC and name.endswith(".gst")):
         report = Report(name, "geometry stream", quick)
-        findings: Iterator[Finding] = map(broken, stream_check.iter_findings(name, quick))
+        findings: Iterator[Finding] = stream_check.iter_findings(name, quick)
     elif magic == BLOCK_MAGIC or name.endswith(".gsb"):
         report = Report(name, "block file", quick)
         findings = blockcheck.iter_findings(name, quick, progress, choose)

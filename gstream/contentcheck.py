@@ -15,18 +15,13 @@ from gstream.errors import CorruptFileError, UnsupportedError
 from gstream.formats.blockfile import CONTENT_ID_BYTES, canonical_settings, identity_rows
 from gstream.formats.columns import COLUMN_IDS, hash64, raw_column
 from gstream.formats.directory import STATE_DATA, Rows, group_starts
-from gstream.formats.findings import ERROR, NOTE, Finding
+from gstream.formats.findings import ERROR, NOTE, Finding, broken
 from gstream.levelcheck import Family
 from gstream.read import BlockFile, BlockView
 
 Progress = Callable[[int, int], None]  # blocks checked, blocks in all
 
 PIECE: Final = 1 << 20  # voxels; a block of 256^3 has 16 times as many
-
-
-def broken(error: CorruptFileError) -> Finding:
-    """The finding of an error that reading met."""
-    return Finding(error.rule, ERROR, f"byte {error.at}", error.said)
 
 
 class Content:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from gstream.compiled import READING
 from gstream.errors import UnsupportedError
 from gstream.formats.stream import StreamReader
-from gstream.formats.stream_chunk import COLOUR, INDEX, KNOWN, NORMAL, POSITION_F4, POSITION_F8
 from gstream.read import BlockView, open_block_file
 
 DIGEST_BYTES = 16
@@ -71,24 +70,14 @@ def _block_values(view: BlockView) -> Iterator[tuple[str, Values]]:
 def stream_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Chunks, triangles, vertices and a digest of every attribute by its id, as level 0.
 
-    errors : CorruptFileError; UnsupportedError for a newer file, or what no chunk can do without
+    errors : CorruptFileError; UnsupportedError for a newer file
     """
     stream = StreamReader(os.fspath(path))
     digests = _Digests()
     for index in range(len(stream.chunks)):
+        values = stream.parts(index)
         for part in stream.head(index).parts:
-            if part.attribute not in KNOWN:
-                digests.add(str(part.attribute), None)
-        chunk = stream.chunk(index)
-        position = POSITION_F8 if chunk.positions.dtype == np.float64 else POSITION_F4
-        digests.add(str(position.id), chunk.positions)
-        for attribute, values in (
-            (INDEX, chunk.triangles),
-            (NORMAL, chunk.normals),
-            (COLOUR, chunk.colours),
-        ):
-            if values is not None:
-                digests.add(str(attribute.id), values)
+            digests.add(str(part.attribute), values.get(part.attribute))
     if not len(stream.chunks):
         return {"levels": []}
     counts = {

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Final
 
+from gstream.errors import CorruptFileError
+
 ERROR: Final = "error"
 WARNING: Final = "warning"
 NOTE: Final = "note"
@@ -33,3 +35,8 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.place}: {self.said} [{self.rule}]"
+
+
+def broken(error: CorruptFileError) -> Finding:
+    """The finding of an error that reading met."""
+    return Finding(error.rule, ERROR, f"byte {error.at}", error.said)

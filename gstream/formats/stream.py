@@ -29,7 +29,7 @@ from gstream.formats.stream_chunk import (
     ChunkHead,
 )
 from gstream.formats.stream_filters import Filters
-from gstream.formats.stream_parts import decode_chunk, encode_chunk
+from gstream.formats.stream_parts import decode_chunk, decode_parts, encode_chunk
 
 __all__ = [
     "COLOUR",
@@ -195,11 +195,24 @@ class StreamReader:
 
     def chunk(self, index: int, wanted: Iterable[str] = ("normal", "colour")) -> Chunk:
         """Read and unpack one chunk; attributes that are not wanted are not unpacked."""
-        row = self.chunks[index]
-        at, length = int(row["offset"]), int(row["length"])
-        data = self.read(at, length)
-        self._check_row(row, ChunkHead.read(data[:HEAD_READ], self.path, at), at)
+        at, data = self._bytes_of(index)
         return decode_chunk(data, self.path, at, frozenset(wanted), self._filters)
+
+    def parts(self, index: int) -> dict[int, Array]:
+        """Values of one chunk by attribute, of all parts that this version knows.
+
+        errors : CorruptFileError, also for the CRC of a part that is not known
+        """
+        at, data = self._bytes_of(index)
+        return decode_parts(data, self.path, at, None, self._filters)[1]
+
+    def _bytes_of(self, index: int) -> tuple[int, bytes]:
+        """Where one chunk stands, and its bytes, whose head is what the directory says."""
+        row = self.chunks[index]
+        at = int(row["offset"])
+        data = self.read(at, int(row["length"]))
+        self._check_row(row, ChunkHead.read(data[:HEAD_READ], self.path, at), at)
+        return at, data
 
     def read(self, offset: int, length: int) -> bytes:
         """Up to `length` bytes from `offset`; fewer at the end of the file."""

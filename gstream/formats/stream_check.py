@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.errors import CorruptFileError
-from gstream.formats.findings import ERROR, READER, VALIDATOR, Rule
-from gstream.formats.framing import crc32
+from gstream.formats.findings import ERROR, NOTE, READER, VALIDATOR, Finding, Rule, broken
 from gstream.formats.stream import StreamReader, total_box
-from gstream.formats.stream_chunk import ID_INDEX, KNOWN, Chunk, ChunkHead
+from gstream.formats.stream_chunk import ID_INDEX, POSITION_F4, POSITION_F8, ChunkHead
+from gstream.formats.stream_parts import unreadable
 
 RULES: Final = (
     Rule("GST-0001", ERROR, READER, "3",
@@ -65,6 +65,8 @@ RULES: Final = (
          "A box is the tight box of the chunk's vertices, which are finite."),
     Rule("GST-0118", ERROR, VALIDATOR, "4",
          "A part's attribute has a descriptor."),
+    Rule("GST-0119", NOTE, READER, "4.1",
+         "A part of an unknown attribute, domain, codec or filter is not checked."),
     Rule("GST-0201", ERROR, READER, "7",
          "The file ends in a tail: it is not cut."),
     Rule("GST-0202", ERROR, READER, "7",
@@ -96,19 +98,20 @@ RULES: Final = (
 COUNTERS: Final = ("read", "stored", "non_finite", "degenerate")
 
 
-def iter_findings(path: str | Path, quick: bool = False) -> Iterator[CorruptFileError]:
-    """Every broken rule of the file, in file order; memory is bounded by one chunk.
+def iter_findings(path: str | Path, quick: bool = False) -> Iterator[Finding]:
+    """Every finding in a stream, in file order, notes last; memory is bounded by one chunk.
 
     quick: read header, chunk heads, directory and tail only, no payload
     errors: UnsupportedError when the file needs a newer reader
     """
     try:
         reader = StreamReader(path)
-    except CorruptFileError as finding:
-        yield finding
+    except CorruptFileError as error:
+        yield broken(error)
         return
     declared = {attribute.id for attribute in reader.attributes} | {ID_INDEX}
     sums: dict[int, NDArray[np.int64]] = {}
+    unchecked: dict[int, str] = {}  # attribute -> what of it is unknown
     unknown = False  # whether a chunk's counters could not be read
     for index in range(len(reader.chunks)):
         try:
@@ -118,50 +121,47 @@ def iter_findings(path: str | Path, quick: bool = False) -> Iterator[CorruptFile
             sums[head.source] += (head.triangles, head.non_finite, head.degenerate)
             if not quick:
                 yield from _payload(reader, index, head)
-        except CorruptFileError as finding:
+                unchecked |= unreadable(head)
+        except CorruptFileError as error:
             unknown = True
-            yield finding
+            yield broken(error)
     if not unknown:
         yield from _totals(reader, sums)
+    for attribute, said in sorted(unchecked.items()):
+        said = f"this release does not know its {said}: only its CRC was checked"
+        yield Finding("GST-0119", NOTE, f"attribute {attribute}", said)
 
 
 def _undeclared(
     reader: StreamReader, index: int, head: ChunkHead, declared: set[int]
-) -> Iterator[CorruptFileError]:
+) -> Iterator[Finding]:
     for part in head.parts:
         if part.attribute not in declared:
             said = f"attribute {part.attribute} has no descriptor in the header"
             yield _finding(reader, index, "GST-0118", said)
 
 
-def _payload(reader: StreamReader, index: int, head: ChunkHead) -> Iterator[CorruptFileError]:
+def _payload(reader: StreamReader, index: int, head: ChunkHead) -> Iterator[Finding]:
     """Unpack everything that this version knows; of the rest, only the CRC can be checked."""
-    chunk = reader.chunk(index)
-    found = count_degenerate(chunk)
+    values = reader.parts(index)
+    positions = values.get(POSITION_F4.id, values.get(POSITION_F8.id))
+    corners = values.get(ID_INDEX) if head.index_bytes else np.arange(head.vertices)
+    if positions is None or corners is None:
+        return
+    found = count_degenerate(positions, corners.reshape(-1, 3))
     if found != head.degenerate:
         said = f"{head.degenerate} degenerate triangles are stated, {found} found"
         yield _finding(reader, index, "GST-0116", said)
-    at = int(reader.chunks[index]["offset"]) + head.size
-    for part in head.parts:
-        if part.attribute not in KNOWN and crc32(reader.read(at, part.stored)) != part.crc:
-            said = f"the CRC of attribute {part.attribute} is wrong"
-            yield CorruptFileError("GST-0111", reader.path, at, said)
-        at += part.stored
 
 
-def count_degenerate(chunk: Chunk) -> int:
-    """Triangles with two corners at the same place; -0.0 equals +0.0."""
-    rows = chunk.triangles
-    if rows is None:
-        rows = np.arange(len(chunk.positions)).reshape(-1, 3)
-    axes = np.take(np.ascontiguousarray(chunk.positions.T), rows.T, axis=1)  # (axis, corner, t)
+def count_degenerate(positions: NDArray[Any], triangles: NDArray[Any]) -> int:
+    """Triangles (t, 3) with two corners at the same place; -0.0 equals +0.0."""
+    axes = np.take(np.ascontiguousarray(positions.T), triangles.T, axis=1)  # (axis, corner, t)
     same = (axes == np.roll(axes, 1, axis=1)).all(axis=0).any(axis=0)
     return int(same.sum())
 
 
-def _totals(
-    reader: StreamReader, sums: Mapping[int, NDArray[np.int64]]
-) -> Iterator[CorruptFileError]:
+def _totals(reader: StreamReader, sums: Mapping[int, NDArray[np.int64]]) -> Iterator[Finding]:
     sources = reader.totals.get("sources")
     if not isinstance(sources, list) or not all(map(is_source, sources)):
         yield _finding(reader, None, "GST-0209", "the totals have no list of sources and counters")
@@ -190,10 +190,9 @@ def is_source(value: Any) -> bool:
     )
 
 
-def _finding(reader: StreamReader, index: int | None, rule: str, said: str) -> CorruptFileError:
+def _finding(reader: StreamReader, index: int | None, rule: str, said: str) -> Finding:
     chunks = reader.chunks
     if index is not None:
-        said = f"chunk {index}: {said}"
-        return CorruptFileError(rule, reader.path, int(chunks[index]["offset"]), said)
+        return Finding(rule, ERROR, f"byte {chunks[index]['offset']}", f"chunk {index}: {said}")
     at = int(chunks[-1]["offset"] + chunks[-1]["length"]) if len(chunks) else reader.header_bytes
-    return CorruptFileError(rule, reader.path, at, said)
+    return Finding(rule, ERROR, f"byte {at}", said)

@@ -3,7 +3,7 @@
 spec/stream.md, "Parts". The head and its records are in stream_chunk.py.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from struct import Struct
 from typing import Final
 
@@ -52,14 +52,10 @@ from gstream.formats.stream_filters import (
 BOX: Final = Struct("<6d")
 WORTH_PACKING: Final = 64  # bytes; LZ4 keeps the last 12 as they are
 CODECS: Final = (CODEC_RAW, CODEC_LZ4, CODEC_CONSTANT)
+CORNER_FILTERS: Final = (FILTER_CORNER_DELTA, FILTER_ORDERED_CORNER_DELTA)
 INDEX_FILTERS: Final = (FILTER_NONE, FILTER_FIRST_USE, FILTER_EDGES)
-VALUE_FILTERS: Final = (
-    FILTER_NONE,
-    FILTER_DELTA,
-    FILTER_ORDERED_DELTA,
-    FILTER_CORNER_DELTA,
-    FILTER_ORDERED_CORNER_DELTA,
-)
+INTEGER_FILTERS: Final = (FILTER_NONE, FILTER_DELTA, FILTER_CORNER_DELTA)
+FLOAT_FILTERS: Final = (FILTER_NONE, FILTER_ORDERED_DELTA, FILTER_ORDERED_CORNER_DELTA)
 
 
 def encode_chunk(chunk: Chunk, lz4: str, filters: Filters = stream_filters) -> bytes:
@@ -172,55 +168,92 @@ def decode_chunk(
 
     errors: CorruptFileError; UnsupportedError for an unknown filter or codec of what is wanted
     """
-    head = ChunkHead.read(data, path, at)
-    if len(data) != head.size + head.payload:
-        raise CorruptFileError("GST-0105", path, at, "the chunk is not as long as its head says")
-    found: dict[str, Array] = {}
-    domains: dict[str, int] = {}
-    offset = head.size
-    for part in head.parts:
-        attribute = KNOWN.get(part.attribute)
-        if attribute and attribute.name in wanted | {"index", "position"}:
-            where = Place(path, at + offset)
-            stored = memoryview(data)[offset : offset + part.stored]
-            index = found.get("index")
-            values = decode_part(head, part, attribute, stored, index, where, filters)
-            domains[attribute.name], found[attribute.name] = part.domain, values
-        offset += part.stored
-    if BOX.pack(*tight_box(found["position"])) != BOX.pack(*head.box):  # also refuses NaN
-        said = "the box is not the tight box of the vertices"
-        raise CorruptFileError("GST-0117", path, at + 32, said)
-    index = found.get("index")
+    names = wanted | {"index", "position"}
+    ids = {attribute.id for attribute in KNOWN.values() if attribute.name in names}
+    head, found = decode_parts(data, path, at, ids, filters)
+    domains = {part.attribute: part.domain for part in head.parts}
+    index = found.get(INDEX.id)
     return Chunk(
-        positions=found["position"],
+        positions=found[POSITION_F4.id if POSITION_F4.id in found else POSITION_F8.id],
         triangles=None if index is None else index.reshape(-1, 3),
-        normals=found.get("normal"),
-        colours=found.get("colour"),
-        colour_domain=domains.get("colour", DOMAIN_VERTEX),
+        normals=found.get(NORMAL.id),
+        colours=found.get(COLOUR.id),
+        colour_domain=domains.get(COLOUR.id, DOMAIN_VERTEX),
         source=head.source,
         non_finite=head.non_finite,
         degenerate=head.degenerate,
     )
 
 
+def decode_parts(
+    data: bytes, path: str, at: int, wanted: Set[int] | None, filters: Filters = stream_filters
+) -> tuple[ChunkHead, dict[int, Array]]:
+    """The head of a chunk, and the (n, components) values of its parts by attribute.
+
+    wanted : ids of attributes; None: all that this version knows, and the CRC of the others
+    errors: CorruptFileError; UnsupportedError for an unknown filter or codec of what is wanted
+    """
+    head = ChunkHead.read(data, path, at)
+    if len(data) != head.size + head.payload:
+        raise CorruptFileError("GST-0105", path, at, "the chunk is not as long as its head says")
+    skipped = unreadable(head) if wanted is None else {}
+    found: dict[int, Array] = {}
+    offset = head.size
+    for part in head.parts:
+        where = Place(path, at + offset)
+        stored = memoryview(data)[offset : offset + part.stored]
+        offset += part.stored
+        if wanted is None or part.attribute in wanted:
+            if crc32(stored) != part.crc:
+                raise where.corrupt("GST-0111", f"the CRC of attribute {part.attribute} is wrong")
+            if part.attribute not in skipped:
+                index = found.get(INDEX.id)
+                found[part.attribute] = decode_part(head, part, stored, index, where, filters)
+    positions = found.get(POSITION_F4.id, found.get(POSITION_F8.id))
+    if positions is not None and BOX.pack(*tight_box(positions)) != BOX.pack(*head.box):
+        said = "the box is not the tight box of the vertices"  # so it is when one is NaN
+        raise CorruptFileError("GST-0117", path, at + 32, said)
+    return head, found
+
+
+def unreadable(head: ChunkHead) -> dict[int, str]:
+    """What this version does not know of the parts that it cannot read, by attribute."""
+    found = {part.attribute: said for part in head.parts if (said := _unknown(part))}
+    if INDEX.id in found:
+        led = {part.attribute for part in head.parts if part.filter in CORNER_FILTERS}
+        found = {attribute: "indices" for attribute in led} | found
+    return found
+
+
+def _unknown(part: Part) -> str | None:
+    """What this version does not know of a part, if there is anything."""
+    attribute = KNOWN.get(part.attribute)
+    if attribute is None:
+        return "kind"
+    is_float = DTYPES[attribute.dtype][1] == "f"
+    filters = FLOAT_FILTERS if is_float else INTEGER_FILTERS
+    for what, number, known in (
+        ("domain", part.domain, DOMAINS[attribute.name]),
+        ("codec", part.codec, CODECS),
+        ("filter", part.filter, INDEX_FILTERS if attribute is INDEX else filters),
+    ):
+        if number not in known:
+            return f"{what} {number}"
+    return None
+
+
 def decode_part(
     head: ChunkHead,
     part: Part,
-    attribute: Attribute,
     stored: memoryview,
     index: Array | None,
     where: Place,
     filters: Filters = stream_filters,
 ) -> Array:
     """The (n, components) values of one part; index: those of the chunk, where it has any."""
-    if crc32(stored) != part.crc:
-        raise where.corrupt("GST-0111", f"the CRC of a {attribute.name} part is wrong")
-    if part.domain not in DOMAINS[attribute.name]:
-        raise where.unsupported(f"{attribute.name} in domain {part.domain}")
-    if part.codec not in CODECS:
-        raise where.unsupported(f"codec {part.codec}")
-    if part.filter not in (INDEX_FILTERS if attribute is INDEX else VALUE_FILTERS):
-        raise where.unsupported(f"filter {part.filter}")
+    attribute = KNOWN[part.attribute]
+    if said := _unknown(part):
+        raise where.unsupported(f"{said} of attribute {attribute.name}")
     count = (head.vertices, 3 * head.triangles, head.triangles, 1)[part.domain]
     dtype = np.dtype(DTYPES[attribute.dtype])
     raw = attribute.value_bytes * (1 if part.codec == CODEC_CONSTANT else count)
@@ -272,7 +305,7 @@ def _undo_index(
 def _undo_delta(
     part: Part, planes: Array, bits: Array, index: Array | None, where: Place, filters: Filters
 ) -> None:
-    near = part.filter in (FILTER_CORNER_DELTA, FILTER_ORDERED_CORNER_DELTA)
+    near = part.filter in CORNER_FILTERS
     bases = rows_before(len(bits))
     if near:
         if index is None or part.domain != DOMAIN_VERTEX:

@@ -16,7 +16,7 @@ that a file breaks it; what it demands; and the section that explains it.
 * **error**: a file that breaks the rule is invalid. **note**: the file is valid; a validator
   says so.
 * **reader**: whoever decodes a file must refuse it when what it reads breaks the rule; for
-  GSB-0412, it must say which column it cannot read, and may read the others. This is what
+  GSB-0412 and GST-0119, it must say what it cannot read, and may read the rest. This is what
   reading needs to be safe and right: nothing is misread, missed or read out of bounds.
 * **validator**: only a validator, which checks every rule, must notice. A reader may refuse the
   file or read it; it does not recompute levels of detail, bounds or sums, and metadata is not

@@ -259,6 +259,24 @@ def _swap(tail: list[int], index: int, value: int) -> list[int]:
     return [*tail[:index], value, *tail[index + 1 :]]
 
 
+def _not_known() -> dict[str, StreamBytes]:
+    """Sound streams with a part of a known attribute that version 1 cannot read."""
+    index, positions, normals, colours = FAN_CHUNK.parts
+
+    def with_parts(*parts: PartBytes) -> StreamBytes:
+        return replace(FAN_FILE, chunks=(replace(FAN_CHUNK, parts=parts),))
+
+    planes = floats(FAN)  # what they hold does not matter
+    return {
+        "": with_parts(index, positions, replace(normals, codec=3), colours),
+        "-filter": with_parts(index, replace(positions, stored=planes, filter=1), colours),
+        "-domain": with_parts(index, positions, PartBytes(4, 1, bytes(48))),
+        "-index": with_parts(
+            replace(index, filter=7), positions, PartBytes(3, 0, bytes(60), filter=5), colours
+        ),
+    }
+
+
 def _bad() -> dict[str, bytes]:
     nan_box = (0.0, 0.0, 0.0, float("nan"), 2.0, 0.0)
     raw_index = struct.pack("<12H", *(7 if i == 5 else i % 5 for i in range(12)))
@@ -295,6 +313,7 @@ def _bad() -> dict[str, bytes]:
         "GST-0115": with_chunk(box=nan_box),
         "GST-0116": with_chunk(degenerate=1),
         "GST-0117": with_chunk(box=(0.0, 0.0, 0.0, 1.0, 3.0, 0.0)),
+        **{f"GST-0119{name}": file for name, file in _not_known().items()},
         "GST-0118": with_chunk(parts=(SOUP.parts[0], UNKNOWN_PART)),
         "GST-0202": replace(SMALLEST, wrong_tail_crc=1),
         "GST-0203": wrong_length,

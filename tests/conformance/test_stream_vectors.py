@@ -21,7 +21,9 @@ from conformance.stream_bytes import (
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gstream.check import check_file
 from gstream.errors import CorruptFileError, UnsupportedError
+from gstream.formats.findings import ERROR
 from gstream.formats.stream import StreamReader
 from gstream.formats.stream_check import iter_findings
 
@@ -45,8 +47,9 @@ def test_a_good_vector_is_as_the_spec_makes_it(name):
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_a_good_vector_has_no_findings(name):
-    assert rules_of(VECTORS / "good" / f"{name}.gst") == []
+def test_a_good_vector_breaks_no_rule(name):
+    findings = iter_findings(VECTORS / "good" / f"{name}.gst")
+    assert [finding for finding in findings if finding.severity == ERROR] == []
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -92,15 +95,30 @@ def test_an_unknown_attribute_is_skipped_by_its_size():
     assert len(chunk.positions) == 3
 
 
-def test_an_unknown_codec_concerns_its_own_attribute_only(tmp_path):
-    parts = FAN_FILE.chunks[0].parts
-    odd = replace(FAN_FILE.chunks[0], parts=(*parts[:2], replace(parts[2], codec=9), parts[3]))
-    path = tmp_path / "odd.gst"
-    path.write_bytes(replace(FAN_FILE, chunks=(odd,)).write())
-    reader = StreamReader(path)
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [("", {0, 1, 4}), ("-filter", {0, 4}), ("-domain", {0, 1}), ("-index", {1, 4})],
+)
+def test_an_unknown_domain_codec_or_filter_concerns_its_own_attribute_only(name, read):
+    path = VECTORS / "bad" / f"GST-0119{name}.gst"
+    assert StreamReader(path).parts(0).keys() == read
+    assert set(rules_of(path)) == {"GST-0119"}
+    assert check_file(path).ok
+
+
+def test_what_is_unknown_is_refused_when_it_is_asked_for_and_not_before():
+    reader = StreamReader(VECTORS / "bad" / "GST-0119.gst")
     assert reader.chunk(0, ["colour"]).normals is None
-    with pytest.raises(UnsupportedError):
+    with pytest.raises(UnsupportedError, match="codec 3 of attribute normal"):
         reader.chunk(0, ["normal"])
+
+
+def test_the_checksum_of_an_unknown_part_is_checked_too(tmp_path):
+    path = tmp_path / "odd.gst"
+    part = replace(GOOD["stream-unknown-attribute"].chunks[0].parts[0], crc=0)
+    odd = replace(SOUP, parts=(part, *SOUP.parts))
+    path.write_bytes(replace(GOOD["stream-unknown-attribute"], chunks=(odd,)).write())
+    assert rules_of(path) == ["GST-0111"]
 
 
 @pytest.mark.parametrize("file", [SMALLEST, FAN_FILE], ids=["soup", "indexed"])

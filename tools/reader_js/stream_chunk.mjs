@@ -223,11 +223,12 @@ function repeated(array, one, count, width) {
 export function checkTriangles(head, found, at) {
   const points = found.find(({ name }) => name === 'position')?.values;
   const index = found.find(({ name }) => name === 'index');
-  if (!points || index?.values === null) return;
+  if (!points) return;
   const box = [0, 1, 2, 3, 4, 5].map((i) => extreme(points, i % 3, i < 3 ? -1 : 1));
   if (!box.every((value, i) => Object.is(value, head.box[i]))) {
     throw new CorruptFileError('GST-0117', at + 32, 'the box is not that of the vertices');
   }
+  if (index?.values === null) return;
   let degenerate = 0;
   for (let t = 0; t < head.triangles; t++) {
     const [a, b, c] = [3 * t, 3 * t + 1, 3 * t + 2].map((corner) => 3 * (index?.values[corner] ?? corner));

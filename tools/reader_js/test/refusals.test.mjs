@@ -9,7 +9,7 @@ import { readWhole } from '../whole.mjs';
 import { vector, vectors } from './vectors.mjs';
 
 /** Rules that only a validator looks at: levels recomputed, content id, ledger; and the two notes. */
-const NOT_OURS = /^GSB-(0412|050[3-9]|060[1-3])\.gsb$/;
+const NOT_OURS = /^GSB-(0412|050[3-9]|060[1-3])/;
 
 async function verdict(data) {
   try {

@@ -7,8 +7,8 @@ import { CorruptFileError, UnsupportedError } from '../errors.mjs';
 import { openStream } from '../stream.mjs';
 import { serve, vector, vectors } from './vectors.mjs';
 
-/** Rules that only a validator looks at: descriptors of parts, sums and box of the totals. */
-const NOT_OURS = /^GST-(0118|0210|0213)\.gst$/;
+/** Rules that only a validator looks at: descriptors of parts, sums and box of the totals; a note. */
+const NOT_OURS = /^GST-(0118|0119|0210|0213)/;
 
 async function verdict(data) {
   try {
