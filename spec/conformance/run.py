@@ -82,6 +82,8 @@ def difference(expected, found):
 def reader_fault(expected, answer):
     """Why a reader's answer is wrong, or None."""
     codes = ", ".join(expected["codes"])
+    if codes == "unsupported" and answer["codes"] != ["unsupported"]:
+        return f"{answer['codes']}, expected ['unsupported']: it is later, not damaged"
     if answer["valid"] is not True:
         if expected["reader"] == "read":
             return f"refused by {answer['codes']}, and is valid"

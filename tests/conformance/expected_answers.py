@@ -11,7 +11,7 @@ from typing import Any
 from gstream.check import RULES as BLOCK_FILE_RULES
 from gstream.check import check_file
 from gstream.digests import block_file_content, stream_content
-from gstream.errors import GstreamError
+from gstream.errors import GstreamError, UnsupportedError
 from gstream.formats.findings import ERROR, READER
 from gstream.formats.stream_check import RULES as STREAM_RULES
 
@@ -25,7 +25,10 @@ MUST_NOTICE = {
 
 def expected(path: Path) -> dict[str, Any]:
     """Validity, codes, what a reader does (read, refuse, may refuse), content if it is readable."""
-    report = check_file(path)
+    try:
+        report = check_file(path)
+    except UnsupportedError:
+        return {"valid": False, "codes": ["unsupported"], "reader": "refuse"}
     answer: dict[str, Any] = {"valid": report.ok, "codes": sorted(report.counts)}
     if MUST_NOTICE & report.counts.keys():
         return {**answer, "reader": "refuse"}

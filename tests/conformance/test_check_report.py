@@ -12,7 +12,7 @@ from gstream_cli.main import main
 
 SPEC = Path(__file__).parents[2] / "spec"
 SCHEMA = json.loads((SPEC / "check-report.schema.json").read_text())
-VECTORS = sorted((SPEC / "vectors").glob("*/*.gs[bt]"))
+VECTORS = sorted((SPEC / "vectors").glob("[bg]*/*.gs[bt]"))  # of later versions there is no report
 TYPES = {"object": dict, "array": list, "string": str, "integer": int, "boolean": bool}
 WORDS = {  # the part of JSON Schema that the schema uses, and faults knows
     "$schema", "title", "description", "type", "enum", "pattern", "minimum", "required",
