@@ -1,6 +1,7 @@
 """What README.md and the pages of spec/ promise whoever writes a reader."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ SECTION = (
     (ROOT / "README.md").read_text().split("\n## Write your own reader\n")[1].split("\n## ")[0]
 )
 SMALLEST = (ROOT / "spec" / "vectors" / "good" / "blocks-smallest.gsb").read_bytes()
+MAGIC = ROOT / "spec" / "gstream.magic"
 PAGES = [
     ROOT / "README.md",
     ROOT / "tools" / "reader_js" / "README.md",
@@ -47,3 +49,22 @@ def test_every_link_of_a_page_leads_to_a_file_and_a_heading(page):
             headings = re.findall(r"^#+ (.+)$", linked.read_text(), re.M)
             anchors = [re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-") for text in headings]
             assert anchor in anchors, target
+
+
+def test_the_rules_for_file_are_those_of_the_pages():
+    rules = MAGIC.read_text().splitlines()
+    for page in ("blockfile.md", "stream.md"):
+        text = (ROOT / "spec" / page).read_text()
+        printed = re.search(r"^`(0 string .+)`", text, re.M)[1]
+        media_type = re.search(r"media type `([\w/.]+)`", text)[1]
+        assert rules[rules.index(printed) + 1] == f"!:mime {media_type}"
+
+
+@pytest.mark.skipif(not shutil.which("file"), reason="file(1) is not installed")
+def test_file_knows_every_vector_by_the_rules():
+    vectors = sorted(ROOT.glob("spec/vectors/good/*.gs[bt]"))
+    ran = subprocess.run(
+        ["file", "-b", "--mime-type", "-m", MAGIC, *vectors], capture_output=True, text=True
+    )
+    kinds = {".gsb": "application/vnd.gstream.blocks", ".gst": "application/vnd.gstream.geometry"}
+    assert ran.stdout.split() == [kinds[path.suffix] for path in vectors]
