@@ -28,7 +28,7 @@ def ingest(inputs: tuple[str, ...], output: str, **values: Any) -> None:
 
     \b
     gstream ingest scan.ply -o scan.gst
-    gstream ingest a.obj b.stl.gz -o scene.gst --units mm --up z --order spatial
+    gstream ingest a.obj b.stl.gz -o scene.gst --units mm --up z --compact
     """
     _run(commands.ingest(_ingest(inputs, values), output, options.run_options(values)), values)
 
@@ -89,8 +89,7 @@ def simplify(blockfile: str, output: str, **values: Any) -> None:
 def _ingest(inputs: tuple[str, ...], values: dict[str, Any]) -> IngestSettings:
     return IngestSettings(
         inputs=inputs,
-        order=values["order"],
-        lz4=values["lz4"],
+        **options.ingest_order(values),
         chunk_triangles=values["chunk"],
         bounds=values["bounds"],
         metadata=options.metadata(values),

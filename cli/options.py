@@ -116,10 +116,15 @@ running = stack(
 ingesting = stack(
     click.option(
         "--order",
-        type=click.Choice(["file", "spatial"]),
-        default="file",
-        show_default=True,
-        help="Keep the inputs' order, or sort spatially within a bounded window.",
+        type=click.Choice(["file", "spatial", "smallest"]),
+        help="Keep the inputs' order from chunk to chunk, sort spatially within a bounded window, "
+        "or take whichever of the two is smaller.  [default: file]",
+    ),
+    click.option(
+        "--compact",
+        is_flag=True,
+        help="Make the geometry stream small: the smallest order, packed with hc. Scans take 4.6 "
+        "bytes per triangle and not 8.3, and ingest takes about ten times the processor time.",
     ),
     click.option(
         "--chunk",
@@ -205,6 +210,16 @@ def run_options(values: dict[str, Any]) -> RunOptions:
         force=values["force"],
         paranoid=values["paranoid"],
     )
+
+
+def ingest_order(values: dict[str, Any]) -> dict[str, str]:
+    """`order` and `lz4` of the stream; --compact is a name for the smallest that there is."""
+    if not values["compact"]:
+        return {"order": values["order"] or "file", "lz4": values["lz4"]}
+    if values["order"] not in (None, "smallest"):
+        said = f"--compact chooses the order and so does --order {values['order']}"
+        raise UsageError(said, "give one of them")
+    return {"order": "smallest", "lz4": "hc"}
 
 
 def metadata(values: dict[str, Any]) -> dict[str, str | None]:

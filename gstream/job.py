@@ -14,7 +14,7 @@ class IngestSettings:
     """`gstream ingest`: how other people's meshes become chunks."""
 
     inputs: tuple[str, ...]
-    order: str = "file"  # file | spatial
+    order: str = "file"  # file | spatial | smallest, the better of both
     lz4: str = "fast"  # fast | hc
     chunk_triangles: int = 65_536
     bounds: tuple[float, float, float, float, float, float] | None = (

@@ -25,11 +25,12 @@ from gstream.job import IngestSettings, Job, Summary, Unit, scratch_name
 from gstream.kernels import indexing
 from gstream.readers.mesh import Mesh
 from gstream.run.publish import Scratch, publish
-from gstream.stages.slicing import chunks_of, warm_slicing
+from gstream.stages.slicing import Slice, chunks_of, slice_of, warm_slicing
 
 NAME = "2-ingest"
 UNIT_CHUNKS = 16  # a million triangles: seconds of work, little to redo after a kill
 BASE_MEMORY = 64 << 20  # bytes beside what grows with the unit
+TRIANGLE_MEMORY = {"file": 40, "spatial": 150, "smallest": 180}  # bytes
 COUNTED = ("read", "stored", "non_finite", "degenerate", "vertices", "chunks", "bytes")
 
 
@@ -45,7 +46,7 @@ def plan(job: Job) -> list[Unit]:
         for first in range(0, mesh.triangle_count, step):
             count = min(step, mesh.triangle_count - first)
             name = f"{source:05d}-{first // step:07d}"
-            memory = BASE_MEMORY + count * (150 if settings.order == "spatial" else 40)
+            memory = BASE_MEMORY + count * TRIANGLE_MEMORY[settings.order]
             units.append(Unit(NAME, name, float(count), memory, len(units), (source, first, count)))
     return units
 
@@ -59,7 +60,8 @@ def work(job: Job, unit: Unit) -> None:
     part = _part(unit)
     with Scratch(job) as scratch:
         with scratch.write(part) as file:
-            for chunk in chunks_of(_mesh(scratch, source), source, first, count, settings):
+            arranged = _arranged(_mesh(scratch, source), source, first, count, settings)
+            for chunk in chunks_of(arranged, settings.chunk_triangles):
                 data = encode_chunk(chunk, settings.lz4, indexing)
                 file.write(data)
                 counts["stored"] += chunk.triangle_count
@@ -97,6 +99,19 @@ def warm() -> None:
     """Compile the kernels for the layouts that meshes usually have."""
     warm_slicing()
     warm_filters(indexing)
+
+
+def _arranged(mesh: Mesh, source: int, first: int, count: int, settings: IngestSettings) -> Slice:
+    """The unit's triangles in the order asked for; smallest: the better one, by fast packing."""
+    if settings.order != "smallest":
+        return slice_of(mesh, source, first, count, settings.order)
+
+    def packed(work: Slice) -> int:
+        chunks = chunks_of(work, settings.chunk_triangles)
+        return sum(len(encode_chunk(chunk, "fast", indexing)) for chunk in chunks)
+
+    orders = ("file", "spatial")
+    return min((slice_of(mesh, source, first, count, order) for order in orders), key=packed)
 
 
 def _settings(job: Job) -> IngestSettings:

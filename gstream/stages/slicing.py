@@ -18,20 +18,21 @@ from gstream.formats.stream_chunk import (
     MAX_CHUNK_VERTICES,
     Chunk,
 )
-from gstream.job import IngestSettings
 from gstream.kernels import indexing
 from gstream.kernels.indexing import EMPTY
+from gstream.kernels.neighbours import follow_edges
 from gstream.readers.mesh import DiskArray, Mesh
 
 SLOTS: Final = 4 * MAX_CHUNK_VERTICES  # hash slots: at most a quarter is taken, 1 MiB
 MORTON_CELLS: Final = 2.0**21 - 1
 INDEX_BYTES: Final = 6  # a triangle's three u16
+SCATTERED: Final = 0.75  # vertices per triangle; one piece of a surface has little over a half
 
 Array = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Slice:
+class Slice:
     """The triangles of one unit, in the order in which they will be stored."""
 
     mesh: Mesh
@@ -41,7 +42,7 @@ class _Slice:
     first: int
     count: int
 
-    def part(self, start: int, stop: int) -> "_Slice":
+    def part(self, start: int, stop: int) -> "Slice":
         return replace(
             self,
             triangles=None if self.triangles is None else self.triangles[start:stop],
@@ -66,28 +67,31 @@ class _Local:
     colours: Array | None  # (v, 4)
 
 
-def chunks_of(
-    mesh: Mesh, source: int, first: int, count: int, settings: IngestSettings
-) -> Iterator[Chunk]:
-    """Cut triangles first .. first + count of the mesh into chunks; counters cover all of them."""
-    work = _Slice(mesh, source, _triangles(mesh, first, count), None, first, count)
-    if settings.order == "spatial":
-        work = _sorted_by_place(work)
+def slice_of(mesh: Mesh, source: int, first: int, count: int, order: str) -> Slice:
+    """Triangles first .. first + count of the mesh; order: file | spatial."""
+    work = Slice(mesh, source, _triangles(mesh, first, count), None, first, count)
+    return _sorted_by_place(work) if order == "spatial" else work
+
+
+def chunks_of(work: Slice, chunk_triangles: int) -> Iterator[Chunk]:
+    """Cut a slice into chunks; their counters cover all its triangles."""
     at = dropped = 0
-    while at < count:
-        window = work.part(at, min(count, at + settings.chunk_triangles))
+    while at < work.count:
+        window = work.part(at, min(work.count, at + chunk_triangles))
         taken, chunk = _chunk(window)
+        if work.numbers is not None or _scattered(chunk):
+            chunk = _along_edges(chunk)
         at += taken
         dropped += chunk.non_finite
         if chunk.triangle_count:
             yield replace(chunk, non_finite=dropped)
             dropped = 0
     if dropped:
-        empty = np.zeros((0, 3), _native(mesh.positions))
-        yield Chunk(empty, source=source, non_finite=dropped)
+        empty = np.zeros((0, 3), _native(work.mesh.positions))
+        yield Chunk(empty, source=work.source, non_finite=dropped)
 
 
-def _chunk(window: _Slice) -> tuple[int, Chunk]:
+def _chunk(window: Slice) -> tuple[int, Chunk]:
     """The first chunk of the window, and how many triangles went into it or were dropped."""
     local = _weld(window) if window.triangles is None else _index(window)
     taken = len(local.triangles)
@@ -127,7 +131,7 @@ def _triangles(mesh: Mesh, first: int, count: int) -> Array | None:
     return ids.view(np.uint32) if ids.itemsize == 4 else ids.astype(np.uint32)
 
 
-def _index(window: _Slice) -> _Local:
+def _index(window: Slice) -> _Local:
     triangles, mesh = window.triangles, window.mesh
     if triangles is None:
         raise TypeError("a soup has no triangles to index")
@@ -145,7 +149,7 @@ def _index(window: _Slice) -> _Local:
     )
 
 
-def _weld(window: _Slice) -> _Local:
+def _weld(window: Slice) -> _Local:
     """Corners of a soup whose bits are all equal become one vertex of the chunk."""
     mesh = window.mesh
     rows = window.rows()
@@ -192,7 +196,7 @@ def _only(local: _Local, keep: Array) -> _Local:
     )
 
 
-def _triangle_colours(window: _Slice, keep: Array | None) -> Array | None:
+def _triangle_colours(window: Slice, keep: Array | None) -> Array | None:
     array = window.mesh.triangle_colours
     if array is None:
         return None
@@ -225,7 +229,32 @@ def _smaller(chunk: Chunk) -> Chunk:
     )
 
 
-def _sorted_by_place(work: _Slice) -> _Slice:
+def _scattered(chunk: Chunk) -> bool:
+    """Whether a chunk is of many small pieces: in an order of its own it is a third smaller."""
+    return len(chunk.positions) > SCATTERED * chunk.triangle_count
+
+
+def _along_edges(chunk: Chunk) -> Chunk:
+    """The same triangles, each next to a neighbour; their indices shrink to a third or less."""
+    if chunk.triangles is None:
+        return chunk
+    order = np.empty(len(chunk.triangles), np.int64)
+    ids = np.empty(len(chunk.positions), np.int64)
+    triangles = np.empty_like(chunk.triangles)
+    follow_edges(chunk.triangles, order, ids, triangles)
+    colours = chunk.colours
+    if colours is not None:
+        colours = colours[ids if chunk.colour_domain == DOMAIN_VERTEX else order]
+    return replace(
+        chunk,
+        triangles=triangles,
+        positions=chunk.positions[ids],
+        normals=None if chunk.normals is None else chunk.normals[ids],
+        colours=colours,
+    )
+
+
+def _sorted_by_place(work: Slice) -> Slice:
     """The same triangles in Morton order of their centroids; ties keep the file's order."""
     sums = np.zeros((work.count, 3))
     step = MAX_CHUNK_TRIANGLES
@@ -291,6 +320,7 @@ def warm_slicing() -> None:
             indexing.index_chunk(triangles, 4, slots, ids, local)
     slots[:] = EMPTY
     indexing.weld_chunk(np.zeros((3, 3), np.uint32), 4, slots, ids, local)
+    follow_edges(local, np.empty(1, np.int64), ids, local.copy())
     indexing.morton_of_points(np.zeros((1, 3)), np.zeros(3), 1.0, np.zeros(1, np.uint64))
     for type_, width in ((np.float32, 4), (np.float64, 8)):
         points = np.zeros((3, 3), type_)

@@ -21,7 +21,7 @@ from gstream.kernels import indexing
 from gstream.readers import open_mesh
 from gstream.readers.mesh import Mesh
 from gstream.stages import ingest
-from gstream.stages.slicing import chunks_of
+from gstream.stages.slicing import Slice, chunks_of, slice_of
 from tests.bench.meshes import Sphere, write_sphere
 from tests.bench.process import machine, markdown
 
@@ -38,6 +38,10 @@ class Bench:
     def job(self) -> Job:
         stream = str(self.folder / "x.gst")
         return Job(str(self.folder), str(self.folder / "x.gsb"), stream, self.settings)
+
+    def slice(self, source: int, first: int, count: int) -> Slice:
+        order = "file" if self.settings.order == "file" else "spatial"
+        return slice_of(self.mesh, source, first, count, order)
 
 
 def nanoseconds(act: Callable[[], object], triangles: int, rounds: int) -> float:
@@ -64,7 +68,7 @@ def work(bench: Bench) -> None:
 
 def slices(bench: Bench) -> None:
     for unit in ingest.plan(bench.job):
-        for _ in chunks_of(bench.mesh, *unit.data, bench.settings):
+        for _ in chunks_of(bench.slice(*unit.data), bench.settings.chunk_triangles):
             pass
 
 
@@ -86,7 +90,8 @@ def figures(bench: Bench, rounds: int) -> list[list[object]]:
     with open(bench.mesh.name, "rb") as file:
         while file.read(1 << 24):  # into the page cache: disks are not what is measured
             pass
-    sample = list(chunks_of(bench.mesh, 0, 0, min(count, 1 << 20), bench.settings))
+    first = bench.slice(0, 0, min(count, 1 << 20))
+    sample = list(chunks_of(first, bench.settings.chunk_triangles))
     encode(sample[:1], "fast")
     some = sum(chunk.triangle_count for chunk in sample)
     steps = [
@@ -119,7 +124,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--triangles", type=int, default=4_000_000)
     parser.add_argument("--mesh", type=Path, help="measure this mesh, not the generated sphere")
-    parser.add_argument("--order", choices=["file", "spatial"], default="file")
+    parser.add_argument("--order", choices=["file", "spatial", "smallest"], default="file")
     parser.add_argument("--lz4", choices=["fast", "hc"], default="fast")
     parser.add_argument("--rounds", type=int, default=3)
     args = parser.parse_args()

@@ -87,6 +87,25 @@ def test_ingest_then_voxelize_writes_the_bytes_of_build(folder):
     assert (folder / "two.gsb").read_bytes() == (folder / "sphere.gsb").read_bytes()
 
 
+def test_a_compact_stream_is_the_smallest_and_builds_the_same_voxels(folder):
+    ways = {
+        "fast": (),
+        "spatial": ("--order", "spatial", "--lz4", "hc"),
+        "long": ("--order", "smallest", "--lz4", "hc", "--workers", 0),
+        "short": ("--compact", "--workers", 2),
+    }
+    streams = {}
+    for name, options in ways.items():
+        succeed(folder, "ingest", "sphere.ply", "-o", f"{name}.gst", *options)
+        assert "valid" in succeed(folder, "check", f"{name}.gst")
+        streams[name] = (folder / f"{name}.gst").read_bytes()
+    assert streams["short"] == streams["long"]
+    assert len(streams["short"]) == min(map(len, streams.values()))
+    build = ("build", "sphere.ply", "-o", "compact.gsb", "--resolution", RESOLUTION, *SMALL_CELLS)
+    succeed(folder, *build, "--units", "m", "--compact")
+    assert (folder / "compact.gsb").read_bytes() == (folder / "sphere.gsb").read_bytes()
+
+
 def test_python_builds_the_same_bytes_and_checks_them(folder):
     report = api.build(
         folder / "sphere.ply",

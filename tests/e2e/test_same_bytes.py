@@ -55,7 +55,7 @@ def test_cells_of_any_size_give_the_same_bytes(mesh, tmp_path, sep, ties):
 
 
 @pytest.mark.parametrize("triangles", [1, 1000, 65_536])
-@pytest.mark.parametrize("order", ["file", "spatial"])
+@pytest.mark.parametrize("order", ["file", "spatial", "smallest"])
 def test_chunks_of_any_size_and_order_give_the_same_bytes(mesh, tmp_path, triangles, order):
     ingest = {"chunk_triangles": triangles, "order": order}
     assert build(mesh, tmp_path, ingest=ingest) == build(mesh, tmp_path)

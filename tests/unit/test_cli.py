@@ -154,6 +154,10 @@ end_header
         (["build", "a.ply", "-o", "old", "--resolution", "9"], "old: exists already; add --force"),
         (["build", "a.ply", "-o", "x", "--resolution", "9", "--tmp", "no"], "no: the folder for"),
         (["ingest", "a.ply", "-o", "x.gst", "--bounds", "1,2"], "is not a box; write it like"),
+        (
+            ["ingest", "a.ply", "-o", "x.gst", "--compact", "--order", "file"],
+            "--compact chooses the order and so does --order file; give one of them",
+        ),
         (["ingest", "a.ply", "-o", "x.gst", "--up", "w"], "--up w is no axis; give x, y or z"),
         (["info", "no.gsb"], "no.gsb: cannot be read: No such file or directory; check its name"),
         (["preview", "old", "-o", "a.png", "--size", "0x9"], "is not a picture size; write it"),
