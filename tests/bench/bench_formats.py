@@ -17,14 +17,14 @@ import lz4.frame
 import numpy as np
 
 import gstream
-from gstream.formats.stream import StreamReader, corners
+from gstream.readers import open_mesh
 from tests.bench.process import expect, machine, markdown
 
 ROUNDS = 3
 STREAMS = {
-    "fast": ("--lz4", "fast"),
-    "fast, spatial": ("--lz4", "fast", "--order", "spatial"),
-    "hc, spatial": ("--lz4", "hc", "--order", "spatial"),
+    "default": (),
+    "--order spatial": ("--order", "spatial"),
+    "--compact": ("--compact",),
 }
 RESOLUTION = 1024
 
@@ -37,8 +37,8 @@ def sizes(scan: Path, folder: Path) -> dict[str, Any]:
         stream = folder / "scan.gst"
         expect("ingest", scan, "-o", stream, *options, "--force")
         triangles = int(json.loads(expect("info", stream, "--json").out)["triangles"])
-        found[f"stream, {name}"] = stream.stat().st_size / triangles
-    points, faces = indexed(folder / "scan.gst")
+        found[f"stream {name}"] = stream.stat().st_size / triangles
+    points, faces = indexed(scan, folder)
     ply = binary_ply(points, faces)
     found["binary PLY"] = len(ply) / triangles
     found["PLY + LZ4"] = len(lz4.frame.compress(ply)) / triangles
@@ -46,13 +46,13 @@ def sizes(scan: Path, folder: Path) -> dict[str, Any]:
     return {"scan": scan.name, "triangles": triangles, **found}
 
 
-def indexed(stream: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) f4 vertices, each position once, and (m, 3) i4 triangles of a stream."""
-    reader = StreamReader(stream)
-    chunks = [corners(reader.chunk(index, ()))[0] for index in range(len(reader.chunks))]
-    flat = np.ascontiguousarray(np.concatenate(chunks).reshape(-1, 3).astype("<f4"))
-    points, faces = np.unique(flat.view("V12").ravel(), return_inverse=True)
-    return points.view("<f4").reshape(-1, 3), faces.reshape(-1, 3).astype("<i4")
+def indexed(scan: Path, folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) f4 vertices and (m, 3) i4 triangles of a mesh in the order of its file."""
+    mesh = open_mesh(scan, lambda name: folder / name)
+    points = mesh.positions.map().reshape(-1, 3).astype("<f4")
+    if mesh.triangles is None:
+        return points, np.arange(len(points), dtype="<i4").reshape(-1, 3)
+    return points, mesh.triangles.map().astype("<i4")
 
 
 def binary_ply(points: np.ndarray, faces: np.ndarray) -> bytes:
@@ -124,9 +124,10 @@ def main() -> None:
         expect("build", args.scans[0], "-o", output, "--resolution", str(RESOLUTION), "--sep", "6")
         found = speeds(output)
     head = list(rows[0])
+    mean = {name: sum(row[name] for row in rows) / len(rows) for name in head[2:]}
     cells = [
-        [row["scan"], f"{row['triangles']:,}", *(f"{row[name]:.2f}" for name in head[2:])]
-        for row in rows
+        [row["scan"], row["triangles"], *(f"{row[name]:.2f}" for name in head[2:])]
+        for row in [*rows, {"scan": "mean", "triangles": "", **mean}]
     ]
     print(machine())
     print("\nBytes per triangle:\n")
