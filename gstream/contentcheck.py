@@ -69,7 +69,9 @@ class Content:
             for finding in self._block(view, row):
                 family = None  # what is missing here would be wrong there
                 yield finding
-            if family and family.held:
+            if "occupancy" in self.unreadable:
+                family = None
+            if family:
                 family.add(view, self._readable)
         self.identity.update(identity_rows(entries, hashes))
         if family:

@@ -55,6 +55,8 @@ class Family:
 
     def add(self, child: BlockView, readable: Set[str]) -> None:
         """A child that has been checked alone; readable : its columns that can be decoded."""
+        if not self.held:
+            return
         columns = self._columns(child, readable)
         columns[PLACES] = columns[PLACES] | np.uint32((child.key & 7) << self.octant_shift)
         self.pending.append(columns)
