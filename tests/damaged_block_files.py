@@ -14,6 +14,7 @@ from zlib import crc32
 
 import numpy as np
 import pytest
+from filtered_block_files import every_filter
 from small_block_files import ALL, IDENTITY, Paging, Scene, file_bytes, random_scene
 
 import gstream.formats.blockfile
@@ -313,6 +314,7 @@ def with_an_empty_block() -> bytes:
 GOOD: dict[str, Callable[[], bytes]] = {
     "blocks-smallest": lambda: file_bytes(smallest_scene()),
     "blocks-all-columns": sound_file,
+    "blocks-every-filter": every_filter,
     "blocks-no-voxels": lambda: file_bytes(tiny(blocks={})),
     "blocks-one-level": lambda: file_bytes(random_scene(voxels=30, lod=False)),
     "blocks-empty-block": with_an_empty_block,
