@@ -257,23 +257,23 @@ def test_a_chunk_ends_before_its_vertices_exceed_65536(tmp_path):
 
 
 @pytest.mark.parametrize("components", [3, 4])
-def test_vertex_colours_and_normals_follow_their_vertices(tmp_path, components):
+@pytest.mark.parametrize("order", ["file", "spatial"])
+def test_vertex_colours_and_normals_follow_their_vertices(tmp_path, components, order):
     positions, triangles = rough_sheet()
     random = np.random.default_rng(6)
+    triangles = random.permutation(triangles)
     colours = random.integers(0, 256, (400, components), np.uint8)
     normals = random.normal(size=(400, 3)).astype(np.float32)
     mesh = mesh_of(tmp_path, positions, triangles, colours=colours, normals=normals)
-    _, reader = run(job_of(tmp_path, [mesh]))
+    _, reader = run(job_of(tmp_path, [mesh], replace(SETTINGS, order=order)))
     rgba = np.full((400, 4), 255, np.uint8)
     rgba[:, :components] = colours
-    at = 0
+    place = {point.tobytes(): vertex for vertex, point in enumerate(positions)}
     for index in range(len(reader.chunks)):
-        _, found_normals, found_colours = corners(reader.chunk(index))
-        rows = triangles[at : at + len(found_normals)]
-        np.testing.assert_array_equal(found_normals, normals[rows])
-        np.testing.assert_array_equal(found_colours, rgba[rows])
-        at += len(rows)
-    assert at == len(triangles)
+        points, found_normals, found_colours = corners(reader.chunk(index))
+        rows = [place[point.tobytes()] for point in points.reshape(-1, 3)]
+        np.testing.assert_array_equal(found_normals.reshape(-1, 3), normals[rows])
+        np.testing.assert_array_equal(found_colours.reshape(-1, 4), rgba[rows])
 
 
 @pytest.mark.parametrize("order", ["file", "spatial", "smallest"])
