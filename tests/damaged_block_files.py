@@ -211,6 +211,19 @@ def broken_metadata() -> bytes:
     return made.at(made.sections["META"][0], b"[").sealed()
 
 
+def tail_with_a_reserved_byte() -> bytes:
+    data = bytearray(sound_file())
+    data[-10] = 1
+    data[-4:] = crc32(data[-64:-4]).to_bytes(4, "little")
+    return bytes(data)
+
+
+def lz4_that_ends_in_a_match() -> bytes:
+    """It unpacks to the right masks, but LZ4 wants literals at the end of a block."""
+    data = bytes([0x1F, 63, 1, 0, ROOT - 1 - 4 - 15, 0])
+    return with_column("mask", 1, data=data, codec=CODEC_LZ4, filter=0)
+
+
 def no_rows_in_page() -> bytes:
     made = patch()
     return made.at(made.sections["PAGE"][0] + 4, bytes(4)).sealed()
@@ -232,6 +245,7 @@ def patch_voxels() -> bytes:
 DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0101": lambda: bytes(patch().flip(1).data),
     "GSB-0102": lambda: bytes(patch().flip(-20).data),
+    "GSB-0102-reserved": tail_with_a_reserved_byte,
     "GSB-0103": lambda: bytes(patch().flip(60).data),
     "GSB-0104": lambda: patch().at(69, b"\1").sealed(),
     "GSB-0105": lambda: patch().at(56, bytes(4)).sealed(),
@@ -242,6 +256,7 @@ DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0204": renamed_column,
     "GSB-0205": broken_metadata,
     "GSB-0206": no_rows_in_page,
+    "GSB-0206-reserved": lambda: patch().at(patch().sections["PAGE"][0] + 1, b"\1").sealed(),
     "GSB-0207": damaged_table_page,
     "GSB-0301": lambda: bytes(patch().flip(patch().head + 30).data),
     "GSB-0302": other_first_key,
@@ -257,6 +272,7 @@ DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0311": lambda: patch().entry(1, "codec", CODEC_CONSTANT, "occupancy").sealed(),
     "GSB-0312": lambda: patch().entry(1, "offset", patch().head + 64, "occupancy").sealed(),
     "GSB-0401": lambda: with_column("weight", 1, data=b"\xff\xff\xff", codec=CODEC_LZ4),
+    "GSB-0401-end-of-lz4": lz4_that_ends_in_a_match,
     "GSB-0402": lambda: with_column("weight", 1, raw_bytes=5),
     "GSB-0403": lambda: with_column(
         "mask", 1, data=b"", codec=CODEC_CONSTANT, filter=0, constant=64
