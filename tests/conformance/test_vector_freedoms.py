@@ -1,12 +1,18 @@
-"""The good vectors use every way of storing a column that section 7 of spec/blockfile.md allows."""
+"""The good vectors use every way of storing a column or part that the specs allow."""
 
 from itertools import product
 from pathlib import Path
 from struct import unpack_from
 
+import numpy as np
+from conformance.stream_bytes import FAN
+from conformance.stream_every_filter import COLOURS, EVERY_FILTER, NORMALS, TRIANGLES
 from damaged_block_files import GOOD
 
+from gstream.formats.stream import StreamReader
+
 VECTORS = Path(__file__).parents[2] / "spec" / "vectors" / "good"
+STREAM = VECTORS / "stream-every-filter.gst"
 OCCUPANCY, COLOUR, LAST = 1, 4, 7  # column ids
 ALLOWED = (
     {(OCCUPANCY, codec, 0) for codec in (0, 1)}
@@ -37,3 +43,33 @@ def test_every_column_stands_by_every_codec_and_filter_in_a_good_vector():
     paths = [p for p in VECTORS.glob("*.gsb") if p.stem != "blocks-table-pages"]  # of depth 2
     assert len(paths) == len(GOOD) - 1
     assert set().union(*(ways_of(path.read_bytes()) for path in paths)) == ALLOWED
+
+
+def stream_ways_of(data: bytes) -> set[tuple[int, int, int]]:
+    """(attribute, filter, codec) of every part of a stream."""
+    directory = unpack_from("<Q", data, len(data) - 40)[0]
+    found = set()
+    for row in range(unpack_from("<I", data, directory + 4)[0]):
+        at = unpack_from("<Q", data, directory + 16 + 72 * row)[0]
+        for part in range(at + 80, at + 80 + 20 * data[at + 6], 20):
+            found.add((data[part], data[part + 3], data[part + 4]))
+    return found
+
+
+def test_every_part_stands_by_every_filter_and_codec_in_a_good_vector():
+    floats = product((1, 2, 3), (0, 2, 5), (0, 1))
+    colours, indices = product((4,), (0, 1, 4), (0, 1)), product((0,), (0, 3, 6), (0, 1))
+    assert {*floats, *colours, *indices} <= stream_ways_of(STREAM.read_bytes())
+
+
+def test_whatever_filter_and_codec_a_part_took_the_values_are_those_put_in():
+    assert STREAM.read_bytes() == EVERY_FILTER.write()
+    reader = StreamReader(STREAM)
+    for index in range(12):
+        chunk = reader.chunk(index)
+        wanted = np.array(FAN, chunk.positions.dtype), np.array(NORMALS, np.float32)
+        np.testing.assert_array_equal(chunk.positions, wanted[0])
+        np.testing.assert_array_equal(chunk.normals, wanted[1])
+        assert np.signbit(chunk.normals[3, 0])
+        np.testing.assert_array_equal(chunk.colours, COLOURS)
+        np.testing.assert_array_equal(chunk.triangles, TRIANGLES)
