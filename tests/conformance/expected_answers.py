@@ -1,10 +1,12 @@
-"""spec/vectors/expected.json: what programs must answer of each vector.
+"""What programs must answer of each vector, expected.json, and the vectors' own bytes, SHA256SUMS.
 
-`make spec` writes it from what gstream finds and reads; no test does.
+`make spec` writes the one from what gstream finds and reads, and adds new vectors to the other; no
+test does.
 """
 
 import json
 from collections.abc import Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from gstream.formats.findings import ERROR, READER
 from gstream.formats.stream_check import RULES as STREAM_RULES
 
 VECTORS = Path(__file__).parents[2] / "spec" / "vectors"
+SUMS = VECTORS / "SHA256SUMS"
 MUST_NOTICE = {
     rule.id
     for rule in (*BLOCK_FILE_RULES, *STREAM_RULES)
@@ -46,10 +49,26 @@ def content(path: Path) -> Mapping[str, Any]:
 
 def answers() -> str:
     """The whole file."""
-    paths = sorted(path for path in VECTORS.glob("*/*.gs[bt]"))
-    table = {path.relative_to(VECTORS).as_posix(): expected(path) for path in paths}
+    table = {name: expected(VECTORS / name) for name in names()}
     return json.dumps(table, indent=1, sort_keys=True) + "\n"
+
+
+def names() -> list[str]:
+    """Every vector there is, as its path below VECTORS."""
+    return sorted(path.relative_to(VECTORS).as_posix() for path in VECTORS.glob("*/*.gs[bt]"))
+
+
+def recorded() -> dict[str, str]:
+    """The digest of each vector that was ever added, as `sha256sum` writes it."""
+    return {name: digest for digest, name in map(str.split, SUMS.read_text().splitlines())}
+
+
+def digest_of(name: str) -> str:
+    """The digest of a vector's bytes today."""
+    return sha256((VECTORS / name).read_bytes()).hexdigest()
 
 
 if __name__ == "__main__":
     (VECTORS / "expected.json").write_text(answers())
+    digests = {name: digest_of(name) for name in names()} | recorded()
+    SUMS.write_text("".join(f"{digests[name]}  {name}\n" for name in sorted(digests)))

@@ -6,7 +6,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from conformance.expected_answers import MUST_NOTICE, VECTORS, answers, content
+from conformance.expected_answers import (
+    MUST_NOTICE,
+    VECTORS,
+    answers,
+    content,
+    digest_of,
+    names,
+    recorded,
+)
 from node import node
 
 ROOT = Path(__file__).parents[2]
@@ -52,6 +60,10 @@ def test_check_is_a_validator():
 def test_the_javascript_reader_is_a_reader():
     ran = run("--level", "reader", node(), ROOT / "tools" / "reader_js" / "conformance.mjs")
     assert ran.returncode == 0, ran.stdout + ran.stderr
+
+
+def test_no_vector_that_was_ever_added_has_changed_or_gone():
+    assert recorded() == {name: digest_of(name) for name in names()}
 
 
 def test_the_expected_answers_are_what_is_found_and_read_today():
