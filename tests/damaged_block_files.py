@@ -14,6 +14,7 @@ from zlib import crc32
 
 import numpy as np
 import pytest
+import rare_block_files as rare
 from filtered_block_files import every_filter
 from small_block_files import ALL, IDENTITY, Paging, Scene, file_bytes, random_scene
 
@@ -309,31 +310,14 @@ def smallest_scene() -> Scene:
     return Scene(header, {(0, 0): block}, ("occupancy", "mask"))
 
 
-def with_an_empty_block() -> bytes:
-    """One block that is stated to be empty, a sibling of blocks with voxels."""
-    scene = random_scene(resolution=32, voxels=9, seed=6)
-    finest = {key for level, key in scene.blocks if level == 0}
-    key = next(
-        key for key in range(64) if key not in finest and key >> 3 in {k >> 3 for k in finest}
-    )
-
-    def alter(rows: np.ndarray) -> np.ndarray:
-        empty = np.zeros(1, rows.dtype)
-        empty["key"] = key
-        parent = (rows["level"] == 1) & (rows["key"] == key >> 3)
-        rows["children"][parent] |= 1 << (key & 7)
-        return np.concatenate([rows, empty])
-
-    return file_bytes(scene, alter_rows=alter)
-
-
 GOOD: dict[str, Callable[[], bytes]] = {
     "blocks-smallest": lambda: file_bytes(smallest_scene()),
     "blocks-all-columns": sound_file,
     "blocks-every-filter": every_filter,
     "blocks-no-voxels": lambda: file_bytes(tiny(blocks={})),
     "blocks-one-level": lambda: file_bytes(random_scene(voxels=30, lod=False)),
-    "blocks-empty-block": with_an_empty_block,
+    "blocks-empty-block": lambda: rare.with_empty_blocks(1),
+    "blocks-empty-branch": lambda: rare.with_empty_blocks(2),
     "blocks-table-pages": lambda: file_bytes(random_scene(64, voxels=40), paging=Paging(8, 4, 5)),
     "blocks-count-weighting": lambda: file_bytes(random_scene(16, voxels=20, weighting="count")),
     "blocks-without-weights": lambda: tiny_file(kept=ALL[:-1]),
@@ -342,6 +326,16 @@ GOOD: dict[str, Callable[[], bytes]] = {
     "blocks-ignorable-features": lambda: patch().at(20, b"\1").at(24, b"\1").sealed(),
     "blocks-normal-bits-8": lambda: file_bytes(random_scene(16, voxels=20, bits=8)),
     "blocks-edge-256": lambda: file_bytes(random_scene(300, 8, 40)),
+    "blocks-occupancy-only": lambda: tiny_file(kept=ALL[:1]),
+    "blocks-newer-writer": lambda: patch().at(14, b"\xff\xff").sealed(),
+    "blocks-other-settings": rare.other_settings,
+    "blocks-full-64": lambda: rare.full_block(6, ALL[:4]),
+    "blocks-full-256": lambda: rare.full_block(8, ALL[:2]),
+    "blocks-resolution-1": lambda: rare.last_voxel(1, 1),
+    "blocks-17-levels": lambda: rare.last_voxel(65_536, 17),
+    "blocks-most-tables": rare.most_tables,
+    "blocks-most-pages": lambda: file_bytes(rare.scattered(1400, 8), paging=Paging(1)),
+    "blocks-full-page": lambda: file_bytes(rare.scattered(1032, 1)),
 }
 
 

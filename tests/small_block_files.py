@@ -9,7 +9,7 @@ import numpy as np
 
 from gstream.formats.blockfile import DEFAULT_PAGING, Paging, write_block_file
 from gstream.formats.blockhead import BlockFileHeader
-from gstream.formats.columns import Block, EncodedColumn, column_specs, encode_block
+from gstream.formats.columns import Block, ColumnSpec, EncodedColumn, column_specs, encode_block
 from gstream.formats.directory import Rows
 from gstream.formats.lodrule import encode_normals, reduce_runs
 from gstream.formats.morton import decode_morton, encode_morton
@@ -94,11 +94,14 @@ def children_of(blocks: dict[tuple[int, int], Block], level: int, key: int) -> i
     return sum(1 << c for c in range(8) if (level - 1, 8 * key + c) in blocks)
 
 
-def pile_bytes(scene: Scene, alter: Alter = leave) -> bytes:
-    """The scene as one pile; alter : called with (level, key, encoded columns) of every block."""
+def pile_bytes(scene: Scene, alter: Alter = leave, more: Sequence[ColumnSpec] = ()) -> bytes:
+    """The scene as one pile.
+
+    alter : called with (level, key, encoded columns) of every block; adds the columns in `more`
+    """
     specs = column_specs(scene.header.normal_bits)
     file = io.BytesIO()
-    with PileWriter(file, [specs[n] for n in scene.names]) as pile:
+    with PileWriter(file, [*(specs[n] for n in scene.names), *more]) as pile:
         for (level, key), block in scene.blocks.items():
             encoded = encode_block(block, scene.log2, scene.names, scene.header.normal_bits, "fast")
             alter(level, key, encoded)
@@ -117,13 +120,17 @@ def file_bytes(
     extra: Sequence[tuple[bytes, bytes]] = (),
     alter: Alter = leave,
     alter_rows: Callable[[Rows], Rows] = lambda rows: rows,
+    more: Sequence[ColumnSpec] = (),
 ) -> bytes:
-    """The scene as a block file; alter_rows : a change to the pile's rows."""
-    pile = pile_bytes(scene, alter)
+    """The scene as a block file.
+
+    alter_rows : a change to the pile's rows; more : columns of kinds that nobody knows
+    """
+    pile = pile_bytes(scene, alter, more)
     rows = read_pile_rows(lambda at, n: pile[at : at + n], len(pile))
     rows = alter_rows(rows)
     specs = column_specs(scene.header.normal_bits)
-    columns = [specs[n] for n in (kept or scene.names)]
+    columns = [*(specs[n] for n in (kept or scene.names)), *more]
     file = io.BytesIO()
     write_block_file(
         file, scene.header, rows, lambda _, at, n: pile[at : at + n],

@@ -1,17 +1,13 @@
 """Geometry streams put together with struct alone, whole and broken: the source of the vectors.
 
-Knows spec/stream.md and nothing of gstream. `python -m tests.conformance.stream_bytes FOLDER`
-writes the files under FOLDER/good and FOLDER/bad; no test does, vectors in the repository are
-frozen.
+Knows spec/stream.md and nothing of gstream. stream_freedoms.py has more good ones, and writes all.
 """
 
 import json
 import struct
-import sys
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import lz4.block
@@ -242,7 +238,6 @@ GOOD: dict[str, StreamBytes] = {
         attributes=(POSITION, (900, 2, 7, b"from the future")),
     ),
     "stream-ignorable-features": replace(SMALLEST, versions=(1, 9), features=(0, 6, 5)),
-    "stream-full-chunk": full_chunk(1, 0, 1),  # the 0 is vertex 0, the mark being 65 536
 }
 
 NEWER: dict[str, StreamBytes] = {
@@ -335,10 +330,3 @@ def _bad() -> dict[str, bytes]:
 
 
 BAD = _bad()
-
-if __name__ == "__main__":
-    folder = Path(sys.argv[1])
-    for name, stream in GOOD.items():
-        (folder / "good" / f"{name}.gst").write_bytes(stream.write())
-    for rule, data in BAD.items():
-        (folder / "bad" / f"{rule}.gst").write_bytes(data)

@@ -65,7 +65,9 @@ def decoded(decoder: SimpleNamespace, data: bytes) -> list[tuple[int, int, dict]
     for level, counts, columns in decoder.blocks(data):
         key = int(columns.pop("key"))
         values = {
-            name: v.T if len(v) > 1 and v.ndim > 1 else v.ravel() for name, v in columns.items()
+            name: v.T if len(v) > 1 and v.ndim > 1 else v.ravel()
+            for name, v in columns.items()
+            if v is not None
         }
         assert counts == {"blocks": 1, "voxels": len(values["occupancy"])}
         found.append((level, key, values))

@@ -65,7 +65,7 @@ def head_fields(file: BlockFile, data: bytes) -> dict[str, Any]:
     return {
         "magic": BLOCK_MAGIC,
         "min_reader_version": 1,
-        "writer_version": 1,
+        "writer_version": int.from_bytes(data[14:16], "little"),
         "incompatible_features": 0,
         "read_only_features": head.read_only_features,
         "ignorable_features": int.from_bytes(data[24:28], "little"),
@@ -96,9 +96,9 @@ def head_fields(file: BlockFile, data: bytes) -> dict[str, Any]:
     }
 
 
-def entry_fields(row: Any, columns: list[str]) -> dict[str, Any]:
-    own = row_fields(row[[name for name in row.dtype.names if name not in columns]])
-    return {**own, "records": [row_fields(row[name]) for name in columns]}
+def entry_fields(row: Any, records: list[str]) -> dict[str, Any]:
+    own = row_fields(row[[name for name in row.dtype.names if name not in records]])
+    return {**own, "records": [row_fields(row[name]) for name in records]}
 
 
 @pytest.mark.parametrize("path", BLOCK_FILES, ids=lambda path: path.stem)
@@ -132,7 +132,7 @@ def test_the_head_and_its_tables_are_parsed_as_gstream_reads_them(path):
 def test_pages_entries_and_stored_columns_are_parsed_as_gstream_reads_them(path):
     parsed = GstreamBlockfile.from_file(path)
     with parsed._io._io, open_block_file(path) as file:
-        directory, columns = file.directory, list(file.columns)
+        directory, records = file.directory, [spec.field for spec in file.head.columns]
         pages = list(parsed.pages)
         if file.head.depth == 2:
             pages = [page for table in pages for page in table.pages]
@@ -141,9 +141,9 @@ def test_pages_entries_and_stored_columns_are_parsed_as_gstream_reads_them(path)
         ]
         for number, page in enumerate(pages):
             rows = directory.page(number)
-            assert fields(page.entries) == [entry_fields(row, columns) for row in rows]
+            assert fields(page.entries) == [entry_fields(row, records) for row in rows]
             for entry, row in zip(page.entries, rows, strict=True):
-                for name, record in zip(columns, entry.records, strict=True):
+                for name, record in zip(file.columns, entry.records, strict=True):
                     assert record.data == BlockView(file, row).stored(name)
 
 

@@ -95,14 +95,16 @@ def levels_of(path: Path) -> list[dict[str, Any]]:
         return chunks_of(path)
     levels = []
     with open_block_file(path) as file:
+        known = [name for name, spec in file.specs.items() if spec.id < 8]
         for level in range(file.levels):
             views, digests = list(file.blocks(level)), Digests()
             for view in views:
                 digests.add("key", view.key.to_bytes(8, "little"))
-                for name in file.columns:
+                for name in known:
                     digests.add(name, view.column(name).tobytes())
             counts = {"blocks": len(views), "voxels": sum(view.count for view in views)}
-            levels.append({"level": level, **counts, "columns": digests.hex()})
+            unknown = dict.fromkeys(file.specs.keys() - known)
+            levels.append({"level": level, **counts, "columns": digests.hex() | unknown})
     return [level for level in levels if level["blocks"]]
 
 

@@ -12,12 +12,14 @@ from conformance.stream_bytes import (
     FAN,
     FAN_FILE,
     FAN_TRIANGLES,
-    GOOD,
     NEWER,
     SMALLEST,
     SOUP,
+    UNKNOWN_PART,
     StreamBytes,
 )
+from conformance.stream_bytes import GOOD as PLAIN
+from conformance.stream_freedoms import FREEDOMS
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,6 +29,7 @@ from gstream.formats.findings import ERROR
 from gstream.formats.stream import StreamReader
 from gstream.formats.stream_check import iter_findings
 
+GOOD = PLAIN | FREEDOMS
 ROOT = Path(__file__).parents[2]
 VECTORS = ROOT / "spec" / "vectors"
 RULES = ROOT / "spec" / "rules.md"
@@ -90,6 +93,13 @@ def test_the_vector_of_edge_codes_unpacks_to_its_triangles():
     np.testing.assert_array_equal(chunk.triangles, [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]])
 
 
+def test_good_vectors_have_the_most_of_what_streams_are_made_of():
+    full = StreamReader(VECTORS / "good" / "stream-full-chunk.gst").head(0)
+    assert (full.triangles, full.vertices) == (65_536, 65_536)
+    reader = StreamReader(VECTORS / "good" / "stream-most-parts.gst")
+    assert (len(reader.attributes), len(reader.head(0).parts)) == (32, 32)
+
+
 def test_an_unknown_attribute_is_skipped_by_its_size():
     chunk = StreamReader(VECTORS / "good" / "stream-unknown-attribute.gst").chunk(0)
     assert len(chunk.positions) == 3
@@ -115,8 +125,7 @@ def test_what_is_unknown_is_refused_when_it_is_asked_for_and_not_before():
 
 def test_the_checksum_of_an_unknown_part_is_checked_too(tmp_path):
     path = tmp_path / "odd.gst"
-    part = replace(GOOD["stream-unknown-attribute"].chunks[0].parts[0], crc=0)
-    odd = replace(SOUP, parts=(part, *SOUP.parts))
+    odd = replace(SOUP, parts=(replace(UNKNOWN_PART, crc=0), *SOUP.parts))
     path.write_bytes(replace(GOOD["stream-unknown-attribute"], chunks=(odd,)).write())
     assert rules_of(path) == ["GST-0111"]
 

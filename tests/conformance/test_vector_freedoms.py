@@ -42,7 +42,8 @@ def ways_of(data: bytes) -> set[tuple[int, int, int]]:
 def test_every_column_stands_by_every_codec_and_filter_in_a_good_vector():
     paths = [p for p in VECTORS.glob("*.gsb") if p.stem != "blocks-table-pages"]  # of depth 2
     assert len(paths) == len(GOOD) - 1
-    assert set().union(*(ways_of(path.read_bytes()) for path in paths)) == ALLOWED
+    ways = set().union(*(ways_of(path.read_bytes()) for path in paths))
+    assert {way for way in ways if way[0] <= LAST} == ALLOWED
 
 
 def stream_ways_of(data: bytes) -> set[tuple[int, int, int]]:

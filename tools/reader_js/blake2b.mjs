@@ -10,7 +10,7 @@ const SIGMA = [
   '905724afe1bc683d', '2c6a0b834d75fe19',
   'c51fed4a0763928b', 'db7ec13950f4862a',
   '6fe9b308c2d714a5', 'a2847615fb9e3cd0',
-].map((row) => [...row].map((digit) => parseInt(digit, 16)));
+].map((row) => [...row].map((digit) => 2 * parseInt(digit, 16)));
 
 export class Blake2b {
   #h = IV.slice();
@@ -50,6 +50,7 @@ export class Blake2b {
     this.#total += this.#used;
     this.#used = 0;
     const v = this.#v;
+    const m = this.#m;
     v.set(this.#h);
     v.set(IV, 16);
     v[24] ^= this.#total;
@@ -60,43 +61,53 @@ export class Blake2b {
     }
     for (let round = 0; round < 12; round++) {
       const s = SIGMA[round % 10];
-      for (let i = 0; i < 4; i++) this.#mix(i, i + 4, i + 8, i + 12, s[2 * i], s[2 * i + 1]);
-      for (let i = 0; i < 4; i++) {
-        const [b, c, d] = [4 + ((i + 1) % 4), 8 + ((i + 2) % 4), 12 + ((i + 3) % 4)];
-        this.#mix(i, b, c, d, s[8 + 2 * i], s[9 + 2 * i]);
-      }
+      mix(v, m, 0, 8, 16, 24, s[0], s[1]);
+      mix(v, m, 2, 10, 18, 26, s[2], s[3]);
+      mix(v, m, 4, 12, 20, 28, s[4], s[5]);
+      mix(v, m, 6, 14, 22, 30, s[6], s[7]);
+      mix(v, m, 0, 10, 20, 30, s[8], s[9]);
+      mix(v, m, 2, 12, 22, 24, s[10], s[11]);
+      mix(v, m, 4, 14, 16, 26, s[12], s[13]);
+      mix(v, m, 6, 8, 18, 28, s[14], s[15]);
     }
     for (let i = 0; i < 16; i++) this.#h[i] ^= v[i] ^ v[i + 16];
   }
+}
 
-  #mix(a, b, c, d, x, y) {
-    this.#add(a, b, x);
-    this.#turn(d, a, 0);
-    this.#add(c, d);
-    this.#turn(b, c, 24);
-    this.#add(a, b, y);
-    this.#turn(d, a, 16);
-    this.#add(c, d);
-    this.#turn(b, c, 63);
-  }
+/** The function G: mixes four words of v, whose first halves stand at a, b, c, d, with two of m. */
+function mix(v, m, a, b, c, d, x, y) {
+  const first = v[a] + v[b] + m[x];
+  v[a + 1] += v[b + 1] + m[x + 1] + carry(first);
+  v[a] = first;
+  const dl = v[d + 1] ^ v[a + 1]; // rotated by 32
+  v[d + 1] = v[d] ^ v[a];
+  v[d] = dl;
+  const second = v[c] + v[d];
+  v[c + 1] += v[d + 1] + carry(second);
+  v[c] = second;
+  turn(v, b, c, 24);
+  const third = v[a] + v[b] + m[y];
+  v[a + 1] += v[b + 1] + m[y + 1] + carry(third);
+  v[a] = third;
+  turn(v, d, a, 16);
+  const fourth = v[c] + v[d];
+  v[c + 1] += v[d + 1] + carry(fourth);
+  v[c] = fourth;
+  const bl = v[b] ^ v[c];
+  const bh = v[b + 1] ^ v[c + 1];
+  v[b] = (bh >>> 31) | (bl << 1); // rotated by 63
+  v[b + 1] = (bl >>> 31) | (bh << 1);
+}
 
-  /** v[a] += v[b] + m[word]. */
-  #add(a, b, word) {
-    const v = this.#v;
-    const [low, high] = word === undefined ? [0, 0] : [this.#m[2 * word], this.#m[2 * word + 1]];
-    const sum = v[2 * a] + v[2 * b] + low;
-    v[2 * a + 1] += v[2 * b + 1] + high + Math.floor(sum / 2 ** 32);
-    v[2 * a] = sum;
-  }
+/** What a sum of up to three u32 carries into the second half of a word. */
+function carry(sum) {
+  return (sum / 2 ** 32) | 0;
+}
 
-  /** v[a] = (v[a] ^ v[b]) rotated right by 0 (32), 24, 16 or 63 bits. */
-  #turn(a, b, bits) {
-    const v = this.#v;
-    const low = v[2 * a] ^ v[2 * b];
-    const high = v[2 * a + 1] ^ v[2 * b + 1];
-    const [from, to] = bits === 0 || bits === 63 ? [high, low] : [low, high];
-    const by = bits === 63 ? 31 : bits;
-    v[2 * a] = by ? (from >>> by) | (to << (32 - by)) : from;
-    v[2 * a + 1] = by ? (to >>> by) | (from << (32 - by)) : to;
-  }
+/** v[a] ^ v[b], rotated right by fewer than 32 bits. */
+function turn(v, a, b, bits) {
+  const low = v[a] ^ v[b];
+  const high = v[a + 1] ^ v[b + 1];
+  v[a] = (low >>> bits) | (high << (32 - bits));
+  v[a + 1] = (high >>> bits) | (low << (32 - bits));
 }
