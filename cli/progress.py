@@ -4,7 +4,7 @@ import sys
 import time
 from typing import Self, TextIO
 
-from gstream.run.progress import Silent
+from gstream.run.progress import Event, Note, StageBegins, StageEnds, UnitDone
 
 LINE_SECONDS = 2.0
 BLOCKS_SECONDS = 0.1
@@ -26,15 +26,20 @@ class Lines:
     def __exit__(self, *_: object) -> None:
         self._out.flush()
 
-    def note(self, said: str) -> None:
-        self._notes.append(said)
+    def __call__(self, event: Event) -> None:
+        match event:
+            case Note(said):
+                self._notes.append(said)
+            case StageBegins():
+                self._began = time.monotonic()
+                self._units, self._cost = event.units, event.cost
+                self._done, self._done_cost = 0, 0.0
+            case UnitDone():
+                self._unit_done(event.stage, event.cost, event.units)
+            case StageEnds():
+                self._say(f"{event.stage}: done in {event.seconds:.1f} s")
 
-    def stage_begins(self, stage: str, units: int, cost: float) -> None:
-        self._began = time.monotonic()
-        self._units, self._cost = units, cost
-        self._done, self._done_cost = 0, 0.0
-
-    def unit_done(self, stage: str, cost: float, units: int = 1) -> None:
+    def _unit_done(self, stage: str, cost: float, units: int) -> None:
         self._done += units
         self._done_cost += cost
         spent = time.monotonic() - self._began
@@ -43,9 +48,6 @@ class Lines:
         left = spent * (1 - part) / part if part else 0
         counts = f"{self._done}/{self._units} units"
         self._say(f"{stage}: {counts}, {rate:.1f}/s, {clock(left)} left")
-
-    def stage_ends(self, stage: str, seconds: float) -> None:
-        self._say(f"{stage}: done in {seconds:.1f} s")
 
     def _say(self, line: str) -> None:
         now = time.monotonic()
@@ -85,25 +87,25 @@ class Bars:
     def __exit__(self, *_: object) -> None:
         self._bars.stop()
 
-    def note(self, said: str) -> None:
-        self._bars.console.print(said, highlight=False, markup=False)
+    def __call__(self, event: Event) -> None:
+        match event:
+            case Note(said):
+                self._bars.console.print(said, highlight=False, markup=False)
+            case StageBegins():
+                self._done, self._began = 0, time.monotonic()
+                self._task = self._bars.add_task(
+                    event.stage, total=max(event.cost, 1e-9), units=event.units, done=0, rate=""
+                )
+            case UnitDone():
+                self._done += event.units
+                rate = f"{self._done / max(time.monotonic() - self._began, 1e-9):.1f}/s"
+                self._bars.update(self._task, advance=event.cost, done=self._done, rate=rate)
+            case StageEnds():
+                total = self._bars.tasks[self._task].total
+                self._bars.update(self._task, completed=total, done=self._done)
 
-    def stage_begins(self, stage: str, units: int, cost: float) -> None:
-        self._done, self._began = 0, time.monotonic()
-        total = max(cost, 1e-9)
-        self._task = self._bars.add_task(stage, total=total, units=units, done=0, rate="")
 
-    def unit_done(self, stage: str, cost: float, units: int = 1) -> None:
-        self._done += units
-        rate = self._done / max(time.monotonic() - self._began, 1e-9)
-        self._bars.update(self._task, advance=cost, done=self._done, rate=f"{rate:.1f}/s")
-
-    def stage_ends(self, stage: str, seconds: float) -> None:
-        total = self._bars.tasks[self._task].total
-        self._bars.update(self._task, completed=total, done=self._done)
-
-
-class Quiet(Silent):
+class Quiet:
     """Progress for --quiet."""
 
     def __enter__(self) -> Self:
@@ -112,7 +114,7 @@ class Quiet(Silent):
     def __exit__(self, *_: object) -> None:
         pass
 
-    def unit_done(self, stage: str, cost: float, units: int = 1) -> None:
+    def __call__(self, event: Event) -> None:
         pass
 
 
@@ -129,11 +131,12 @@ class Blocks:
 
     def __call__(self, done: int, total: int) -> None:
         if self._done is None:
-            self._watcher.stage_begins(self._stage, total, float(total))
+            self._watcher(StageBegins(self._stage, total, float(total)))
             self._done = 0
         now = time.monotonic()
         if now - self._told_at > BLOCKS_SECONDS or done == total:
-            self._watcher.unit_done(self._stage, float(done - self._done), done - self._done)
+            units = done - self._done
+            self._watcher(UnitDone(self._stage, float(units), units=units))
             self._told_at, self._done = now, done
 
 

@@ -43,7 +43,7 @@ from gstream.report.truth.scene import Floats, Scene, write_ply
 from gstream.report.truth.scenes import SCENES
 from gstream.run import commands
 from gstream.run.commands import RunOptions
-from gstream.run.progress import Progress
+from gstream.run.progress import Progress, StageBegins, StageEnds, UnitDone
 
 SETS = {"small": (("sphere",), 96), "all": (tuple(SCENES), 256)}  # scenes, voxels per axis
 FORMS_COST = 4.0  # of the process that measures forms, in those that voxelize
@@ -131,7 +131,7 @@ class _Bench:
         turned = [(knob, v) for knob in self._options for v in knob.values if v != knob.default]
         units = (1 + len(turned) + bool(self._forms)) * self._plan.runs
         cost = (1 + len(turned) + FORMS_COST * bool(self._forms)) * self._plan.runs
-        self._progress.stage_begins(self._scene.name, units, cost)
+        self._progress(StageBegins(self._scene.name, units, cost))
         self._voxelized({"resolution": 32})  # not counted: it compiles what is not yet cached
         for _ in range(self._plan.runs):
             self._turn_option(None, None)
@@ -139,7 +139,7 @@ class _Bench:
                 self._turn_option(knob, value)
             if self._forms:
                 self._turn_forms()
-        self._progress.stage_ends(self._scene.name, 0.0)
+        self._progress(StageEnds(self._scene.name, 0.0))
         return [series for knob in self._plan.knobs if (series := self._series(knob)).points]
 
     def about(self) -> dict[str, Any]:
@@ -174,7 +174,7 @@ class _Bench:
                 self._default = _Default(content, self._output.read_bytes(), matrix)
             samples.errors = self._errors(content, matrix, changed)
             samples.differing = self._differing(knob, content) if knob else 0
-        self._progress.unit_done(self._scene.name, 1.0)
+        self._progress(UnitDone(self._scene.name, 1.0))
 
     def _turn_forms(self) -> None:
         """One process of all values of all forms."""
@@ -194,7 +194,7 @@ class _Bench:
                 else:
                     self._samples[key] = _Samples(result["seconds"], result["counts"])
                     self._samples[key].errors = result["errors"]
-        self._progress.unit_done(self._scene.name, FORMS_COST)
+        self._progress(UnitDone(self._scene.name, FORMS_COST))
 
     def _voxelized(self, changed: Mapping[str, Any]) -> dict[str, Any]:
         """The report of a process that writes the output with these settings."""

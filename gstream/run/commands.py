@@ -22,7 +22,7 @@ from gstream.run.budget import DiskNeed, check_disk, disk_of_ingest, disk_of_vox
 from gstream.run.journal import Identity, JobFolder, fingerprint, job_folder
 from gstream.run.local import disk_errors
 from gstream.run.pipeline import RunReport, Stage, run_job
-from gstream.run.progress import Progress, Silent
+from gstream.run.progress import Note, Progress, silent
 from gstream.source import is_url
 
 INGEST = ("spill", "ingest")
@@ -93,7 +93,7 @@ class Request:
         errors : RefusedError when it does not fit; StoppedError when it can be resumed; InputError
             and CorruptFileError for its inputs
         """
-        progress = progress or Silent()
+        progress = progress or silent
         self._check_disk()
         with (
             job_folder(self.tmp, self.identity(), self.options.memory, self.workers) as folder,
@@ -102,7 +102,7 @@ class Request:
             job = self._job(folder)
             stack.enter_context(disk_errors(job, "the pipeline"))
             verb = "resuming" if folder.resumed else "working"
-            progress.note(f"{verb} in {folder.path} with {_count(folder.workers)}")
+            progress(Note(f"{verb} in {folder.path} with {_count(folder.workers)}"))
             modules = [importlib.import_module(f"gstream.stages.{name}") for name in self.stages]
             return run_job(job, cast(Sequence[Stage], modules), progress, folder.workers)
 

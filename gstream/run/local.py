@@ -1,4 +1,4 @@
-"""Processes of this machine: workers, signals, locks, and what /proc says of memory.
+"""Processes of this machine: workers, signals and locks.
 
 The only module that knows any of these. A worker is a fresh interpreter that talks over one pipe
 and lives for the whole job; it dies with its parent. Decisions are made in `schedule.py`.
@@ -18,6 +18,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
+from time import perf_counter
 from types import FrameType, TracebackType
 from typing import Protocol, Self
 
@@ -28,8 +29,10 @@ from gstream.run.schedule import ATTEMPTS, Died, Done, Event, GiveUp, Ready, Sch
 LOCK_FILE = "lock"
 RESUME = "run the same command again to resume"
 STOP_SECONDS = 1.5  # a kernel in this process cannot be interrupted: leave without it
-SAMPLE_SECONDS = 0.5
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EACCES, errno.EROFS}
+
+
+Finished = Callable[[Unit, float], None]  # told of each unit that is done, and its seconds
 
 
 class WorkingStage(Protocol):
@@ -82,7 +85,7 @@ def _fullest(job: Job) -> str:
 
 
 def serve(descriptor: int) -> None:
-    """A worker: receive (stage, job, unit), answer None or the error, until the pipe closes."""
+    """A worker: receive (stage, job, unit), answer (error or None, seconds) until the pipe ends."""
     _die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all of us; the parent decides
     with Connection(descriptor) as pipe, contextlib.suppress(EOFError, BrokenPipeError):
@@ -91,7 +94,13 @@ def serve(descriptor: int) -> None:
             pipe.send(_attempt(importlib.import_module(name), job, unit))
 
 
-def _attempt(stage: WorkingStage, job: Job, unit: Unit) -> Exception | None:
+def _attempt(stage: WorkingStage, job: Job, unit: Unit) -> tuple[Exception | None, float]:
+    began = perf_counter()
+    error = _error_of(stage, job, unit)
+    return error, perf_counter() - began
+
+
+def _error_of(stage: WorkingStage, job: Job, unit: Unit) -> Exception | None:
     where = f"stage {unit.stage}, unit {unit.name}"
     try:
         with disk_errors(job, where):
@@ -153,9 +162,7 @@ class Workers:
             worker.kill()  # a unit is idempotent and names appear by rename: nothing to wait for
         self._workers.clear()
 
-    def run(
-        self, stage: WorkingStage, job: Job, units: Sequence[Unit], done: Callable[[Unit], None]
-    ) -> None:
+    def run(self, stage: WorkingStage, job: Job, units: Sequence[Unit], done: Finished) -> None:
         """Run every unit; `done` is called in this process after each.
 
         errors : the first GstreamError of a unit; StoppedError for one that keeps killing workers
@@ -169,14 +176,12 @@ class Workers:
         _Round(self._workers, stage, job, units, done).play()
 
 
-def _run_here(
-    stage: WorkingStage, job: Job, units: Sequence[Unit], done: Callable[[Unit], None]
-) -> None:
+def _run_here(stage: WorkingStage, job: Job, units: Sequence[Unit], done: Finished) -> None:
     for unit in units:
-        error = _attempt(stage, job, unit)
+        error, seconds = _attempt(stage, job, unit)
         if error is not None:
             raise error
-        done(unit)
+        done(unit, seconds)
 
 
 class _Round:
@@ -188,7 +193,7 @@ class _Round:
         stage: WorkingStage,
         job: Job,
         units: Sequence[Unit],
-        done: Callable[[Unit], None],
+        done: Finished,
     ) -> None:
         self._workers, self._units, self._done = workers, units, done
         self._stage, self._job = stage.__name__, job
@@ -203,9 +208,9 @@ class _Round:
                 self._hear(index)
 
     def _hear(self, index: int) -> None:
-        """Take in what worker `index` has sent: None, an error, or the end of its pipe."""
+        """Take in what worker `index` has sent: an outcome, or the end of its pipe."""
         try:
-            error = self._workers[index].pipe.recv()
+            error, seconds = self._workers[index].pipe.recv()
         except (EOFError, OSError):
             self._replace(index)
             return
@@ -214,7 +219,7 @@ class _Round:
         unit = self._schedule.running(index)
         self._tell(Done(index))
         if unit is not None:
-            self._done(self._units[unit])
+            self._done(self._units[unit], seconds)
 
     def _replace(self, index: int) -> None:
         dead = self._workers[index]
@@ -311,48 +316,3 @@ def _leave_anyway(woken: socket.socket, over: threading.Event, half_written: Seq
     show_cursor = "\x1b[?25h" if os.isatty(2) else ""
     os.write(2, f"{show_cursor}gstream: stopped by a signal; {RESUME}\n".encode())
     os._exit(StoppedError.exit_code)
-
-
-# --- memory -------------------------------------------------------------------------------------
-
-
-class MemorySampler:
-    """Samples what `tree_memory` says of this process; `peak` in bytes, 0 without /proc."""
-
-    def __init__(self) -> None:
-        self.peak = 0
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._loop, daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: object, trace: TracebackType | None
-    ) -> None:
-        self._over.set()
-        self._thread.join()
-
-    def sample(self) -> None:
-        self.peak = max(self.peak, tree_memory(os.getpid()))
-
-    def _loop(self) -> None:
-        while True:
-            self.sample()
-            if self._over.wait(SAMPLE_SECONDS):
-                return
-
-
-def tree_memory(pid: int) -> int:
-    """Bytes of Σ (Pss_Anon + Pss_Shmem) over process `pid` and all its descendants."""
-    total = 0
-    with contextlib.suppress(OSError):
-        with open(f"/proc/{pid}/smaps_rollup", "rb") as rollup:
-            for line in rollup:
-                if line.startswith((b"Pss_Anon:", b"Pss_Shmem:")):
-                    total += int(line.split()[1]) * 1024
-        for task in os.listdir(f"/proc/{pid}/task"):
-            with open(f"/proc/{pid}/task/{task}/children", "rb") as children:
-                total += sum(tree_memory(int(child)) for child in children.read().split())
-    return total

@@ -12,9 +12,19 @@ from time import perf_counter
 from typing import Any, Protocol
 
 from gstream.job import Job, Summary, Unit
-from gstream.run.local import MemorySampler, Workers, disk_errors, stop_on_signals
-from gstream.run.progress import Progress, Silent
+from gstream.run.local import Workers, disk_errors, stop_on_signals
+from gstream.run.progress import (
+    Memory,
+    Progress,
+    Resumed,
+    StageBegins,
+    StageEnds,
+    UnitDone,
+    in_turn,
+    silent,
+)
 from gstream.run.publish import Scratch
+from gstream.run.usage import MemorySampler, Usage, tree_usage
 
 
 class Stage(Protocol):
@@ -37,6 +47,9 @@ class StageReport:
     warm_seconds: float  # compiling or loading its kernels
     units: int
     resumed: int  # units that an earlier run had finished
+    unit_seconds: float  # of all units, each in its worker
+    usage: Usage  # of all processes: processor time and bytes
+    peak_memory: int  # bytes, Σ (Pss_Anon + Pss_Shmem) over the process tree
     counts: Mapping[str, int | float | str]
 
 
@@ -49,13 +62,14 @@ class RunReport:
     stages: tuple[StageReport, ...]
     warm_seconds: float  # of all stages
     seconds: float  # wall clock, all of it
-    cpu_seconds: float  # user and system, of the whole process tree
+    usage: Usage  # of all stages and what is between them
     peak_memory: int  # bytes, Σ (Pss_Anon + Pss_Shmem) over the process tree
     workers: int
 
     def as_dict(self) -> dict[str, Any]:
-        """The report as JSON values."""
-        return asdict(self)
+        """The report as JSON values; what was taken stands beside the seconds."""
+        report = asdict(self)
+        return {**_flat(report), "stages": [_flat(stage) for stage in report["stages"]]}
 
 
 def run_job(
@@ -67,47 +81,76 @@ def run_job(
     errors : StoppedError when stopped by a signal, a full disk or a unit that keeps dying;
         whatever GstreamError a unit raises
     """
-    progress = progress or Silent()
+    tell = in_turn(progress or silent)
     count = job.workers if workers is None else workers
-    started, cpu = perf_counter(), _cpu_seconds()
+    started, usage = perf_counter(), tree_usage(os.getpid())
     with ExitStack() as stack:
         stack.enter_context(stop_on_signals((f"{job.output}.wip", f"{job.stream}.wip")))
-        memory = stack.enter_context(MemorySampler())
+        memory = stack.enter_context(MemorySampler(lambda used, peak: tell(Memory(used, peak))))
         with Workers(count) as pool:
-            reports = tuple(_run_stage(job, stage, pool, progress) for stage in stages)
-        memory.sample()
+            running = _Running(job, pool, tell, memory)
+            reports = tuple(running.run(stage) for stage in stages)
     return RunReport(
         output=job.output,
         output_bytes=os.path.getsize(job.output),
         stages=reports,
         warm_seconds=sum(report.warm_seconds for report in reports),
         seconds=perf_counter() - started,
-        cpu_seconds=_cpu_seconds() - cpu,
+        usage=tree_usage(os.getpid()).since(usage),
         peak_memory=memory.peak,
         workers=count,
     )
 
 
-def _run_stage(job: Job, stage: Stage, pool: Workers, progress: Progress) -> StageReport:
-    started = perf_counter()
-    with disk_errors(job, f"stage {stage.NAME}"), Scratch(job) as scratch:
-        units = stage.plan(job)
-        pending = [unit for unit in units if scratch.done(unit) is None]
-    progress.stage_begins(stage.NAME, len(pending), sum(unit.cost for unit in pending))
-    warm_seconds = _warm(stage) if pending else 0.0
-    pool.run(stage, job, pending, lambda unit: progress.unit_done(stage.NAME, unit.cost))
-    with disk_errors(job, f"stage {stage.NAME}"):
-        summary = stage.finish(job)
-    seconds = perf_counter() - started - warm_seconds
-    progress.stage_ends(stage.NAME, seconds)
-    return StageReport(
-        stage=stage.NAME,
-        seconds=seconds,
-        warm_seconds=warm_seconds,
-        units=len(units),
-        resumed=len(units) - len(pending),
-        counts=dict(summary.counts),
-    )
+@dataclass(frozen=True, slots=True)
+class _Running:
+    """What the stages of one run share."""
+
+    job: Job
+    pool: Workers
+    tell: Progress
+    memory: MemorySampler
+
+    def run(self, stage: Stage) -> StageReport:
+        started, usage = perf_counter(), tree_usage(os.getpid())
+        with disk_errors(self.job, f"stage {stage.NAME}"), Scratch(self.job) as scratch:
+            units = stage.plan(self.job)
+            pending = [unit for unit in units if scratch.done(unit) is None]
+        self._begin(stage, units, pending)
+        warm_seconds = _warm(stage) if pending else 0.0
+        unit_seconds = 0.0
+
+        def done(unit: Unit, seconds: float) -> None:
+            nonlocal unit_seconds
+            unit_seconds += seconds
+            self.tell(UnitDone(stage.NAME, unit.cost, seconds, unit.name))
+
+        self.pool.run(stage, self.job, pending, done)
+        with disk_errors(self.job, f"stage {stage.NAME}"):
+            summary = stage.finish(self.job)
+        report = StageReport(
+            stage=stage.NAME,
+            seconds=perf_counter() - started - warm_seconds,
+            warm_seconds=warm_seconds,
+            units=len(units),
+            resumed=len(units) - len(pending),
+            unit_seconds=unit_seconds,
+            usage=tree_usage(os.getpid()).since(usage),
+            peak_memory=self.memory.stage_peak(),
+            counts=dict(summary.counts),
+        )
+        self.tell(StageEnds(stage.NAME, report.seconds, report.usage, report.peak_memory))
+        return report
+
+    def _begin(self, stage: Stage, units: Sequence[Unit], pending: Sequence[Unit]) -> None:
+        if len(pending) < len(units):
+            self.tell(Resumed(stage.NAME, len(units) - len(pending)))
+        cost, whole = (sum(unit.cost for unit in some) for some in (pending, units))
+        self.tell(StageBegins(stage.NAME, len(pending), cost, cost / whole if whole else 1.0))
+
+
+def _flat(report: dict[str, Any]) -> dict[str, Any]:
+    return {**report.pop("usage"), **report}
 
 
 def _warm(stage: Stage) -> float:
@@ -120,9 +163,3 @@ def _warm(stage: Stage) -> float:
     if warm is not None:
         warm()
     return perf_counter() - started
-
-
-def _cpu_seconds() -> float:
-    """User and system seconds of this process and of its workers that have ended."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system

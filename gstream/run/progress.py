@@ -1,35 +1,130 @@
-"""How a running job talks to whoever watches it. What it looks like is the business of `cli/`."""
+"""What a running job tells whoever watches it. What that looks like is the business of `cli/`."""
 
-from typing import Protocol
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
-
-class Progress(Protocol):
-    """Told of every stage and unit, always from the main thread of the parent process."""
-
-    def note(self, said: str) -> None:
-        """One line of talk: where the job's folder is, what was resumed, what was planned."""
-
-    def stage_begins(self, stage: str, units: int, cost: float) -> None:
-        """`units` of a total estimated `cost` are still to be done."""
-
-    def unit_done(self, stage: str, cost: float) -> None:
-        """One unit of that estimated cost is finished."""
-
-    def stage_ends(self, stage: str, seconds: float) -> None:
-        """All units are done and the stage has counted them."""
+from gstream.run.usage import Usage
 
 
-class Silent:
+@dataclass(frozen=True, slots=True)
+class Note:
+    """One line of talk: what is estimated, where the job's folder is."""
+
+    NAME: ClassVar = "note"
+    said: str
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """The job is about to run its first stage."""
+
+    NAME: ClassVar = "start"
+    job: Mapping[str, Any]  # stages, settings, inputs, output, version
+    folder: str
+    workers: int
+    memory: int  # bytes that all processes may take
+    resumed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """Units of a stage were done by an earlier run."""
+
+    NAME: ClassVar = "resumed"
+    stage: str
+    units: int
+
+
+@dataclass(frozen=True, slots=True)
+class StageBegins:
+    """Units of a total estimated cost are still to be done; `share` of all the stage's cost."""
+
+    NAME: ClassVar = "stage_begin"
+    stage: str
+    units: int
+    cost: float
+    share: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class UnitDone:
+    """A unit of that estimated cost is finished; or several small ones, told of together."""
+
+    NAME: ClassVar = "unit_done"
+    stage: str
+    cost: float
+    seconds: float = 0.0  # of its worker
+    unit: str = ""
+    units: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class StageEnds:
+    """All units are done and the stage has counted them."""
+
+    NAME: ClassVar = "stage_end"
+    stage: str
+    seconds: float
+    usage: Usage = field(default_factory=Usage)
+    peak_memory: int = 0  # bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """A sample of the process tree's memory, two each second."""
+
+    NAME: ClassVar = "memory"
+    used: int  # bytes
+    peak: int
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """The job stopped midway and can be resumed."""
+
+    NAME: ClassVar = "stopped"
+    said: str
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """The job failed: its input, what it was given, or an error of ours."""
+
+    NAME: ClassVar = "error"
+    kind: str
+    said: str
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """The output is there."""
+
+    NAME: ClassVar = "end"
+    output: str
+    output_bytes: int
+    seconds: float
+    cpu_seconds: float
+    peak_memory: int  # bytes
+
+
+Event = (
+    Note | Start | Resumed | StageBegins | UnitDone | StageEnds | Memory | Stopped | Failed | End
+)
+Progress = Callable[[Event], None]  # told of one event at a time, from any thread
+
+
+def silent(event: Event) -> None:
     """Progress for nobody."""
 
-    def note(self, said: str) -> None:
-        pass
 
-    def stage_begins(self, stage: str, units: int, cost: float) -> None:
-        pass
+def in_turn(progress: Progress) -> Progress:
+    """The same progress for several threads: memory is sampled in one of its own."""
+    lock = threading.Lock()
 
-    def unit_done(self, stage: str, cost: float) -> None:
-        pass
+    def tell(event: Event) -> None:
+        with lock:
+            progress(event)
 
-    def stage_ends(self, stage: str, seconds: float) -> None:
-        pass
+    return tell

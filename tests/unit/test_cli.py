@@ -18,6 +18,7 @@ from gstream.errors import (
     UsageError,
 )
 from gstream.run.local import UnitError
+from gstream.run.progress import Event, Note, StageBegins, StageEnds, UnitDone
 from gstream_cli import main, options
 from gstream_cli.progress import Bars, Blocks, Lines, clock
 
@@ -242,12 +243,12 @@ def clock_by_hand(monkeypatch):
 
 def test_lines_are_two_seconds_apart_and_held_notes_come_with_the_first(capsys, clock_by_hand):
     lines = Lines(sys.stderr)
-    lines.note("working in x")
-    lines.stage_begins("voxelize", 4, 8.0)
+    lines(Note("working in x"))
+    lines(StageBegins("voxelize", 4, 8.0))
     for _ in range(4):
         clock_by_hand.now += 1.5
-        lines.unit_done("voxelize", 2.0)
-    lines.stage_ends("voxelize", 6.0)
+        lines(UnitDone("voxelize", 2.0))
+    lines(StageEnds("voxelize", 6.0))
     assert capsys.readouterr().err.splitlines() == [
         "working in x",
         "voxelize: 2/4 units, 0.7/s, 0:03 left",
@@ -257,21 +258,21 @@ def test_lines_are_two_seconds_apart_and_held_notes_come_with_the_first(capsys, 
 
 def test_a_job_that_fails_at_once_says_only_its_error(capsys, clock_by_hand):
     with pytest.raises(InputError), Lines(sys.stderr) as lines:
-        lines.note("working in x")
-        lines.stage_begins("spill", 1, 1.0)
+        lines(Note("working in x"))
+        lines(StageBegins("spill", 1, 1.0))
         raise InputError("a.ply", "", "is empty", "copy it again")
     assert capsys.readouterr().err == ""
 
 
 def test_bars_count_units_and_reach_the_end(capsys):
     with Bars() as bars:
-        bars.note("working in [x]")
-        bars.stage_begins("voxelize", 2, 0.0)
-        bars.unit_done("voxelize", 0.0)
-        bars.unit_done("voxelize", 0.0)
-        bars.stage_ends("voxelize", 1.0)
-        bars.stage_begins("merge", 0, 0.0)
-        bars.stage_ends("merge", 0.0)
+        bars(Note("working in [x]"))
+        bars(StageBegins("voxelize", 2, 0.0))
+        bars(UnitDone("voxelize", 0.0))
+        bars(UnitDone("voxelize", 0.0))
+        bars(StageEnds("voxelize", 1.0))
+        bars(StageBegins("merge", 0, 0.0))
+        bars(StageEnds("merge", 0.0))
     err = capsys.readouterr().err
     assert "working in [x]" in err
     assert "2/2 units" in err
@@ -281,8 +282,9 @@ def test_blocks_tell_all_of_many_calls_in_few(capsys, clock_by_hand):
     told = []
 
     class Told(Lines):
-        def unit_done(self, stage: str, cost: float, units: int = 1) -> None:
-            told.append(units)
+        def __call__(self, event: Event) -> None:
+            if isinstance(event, UnitDone):
+                told.append(event.units)
 
     blocks = Blocks(Told(sys.stderr), "check")
     for done in range(1, 1001):

@@ -20,8 +20,10 @@ from gstream.run.budget import (
     check_disk,
     plan_memory,
 )
-from gstream.run.local import UnitError, tree_memory
+from gstream.run.local import UnitError
 from gstream.run.pipeline import run_job
+from gstream.run.progress import Event, Memory, Resumed, StageBegins, StageEnds
+from gstream.run.usage import tree_memory, tree_usage
 from unit import toy_stage
 
 
@@ -39,25 +41,6 @@ def toy_job(folder: Path, units: int = 6, how: str = "ok", workers: int = 0) -> 
 
 def calls(folder: Path) -> list[str]:
     return (folder / "scratch" / "calls").read_text().split()
-
-
-class Recorder:
-    """A Progress that keeps what it was told."""
-
-    def __init__(self) -> None:
-        self.told: list[tuple[object, ...]] = []
-
-    def note(self, said: str) -> None:
-        self.told.append(("note", said))
-
-    def stage_begins(self, stage: str, units: int, cost: float) -> None:
-        self.told.append(("begins", stage, units, cost))
-
-    def unit_done(self, stage: str, cost: float) -> None:
-        self.told.append(("unit", stage, cost))
-
-    def stage_ends(self, stage: str, seconds: float) -> None:
-        self.told.append(("ends", stage))
 
 
 @pytest.mark.parametrize("workers", [0, 1, 2, 5])
@@ -80,10 +63,13 @@ def test_a_second_run_repeats_only_units_whose_files_are_gone(tmp_path):
 
 
 def test_progress_hears_of_every_unit_and_only_pending_cost(tmp_path):
-    recorder = Recorder()
-    run_job(toy_job(tmp_path, units=3), [toy_stage], recorder)
-    units = [("unit", "toy", float(i)) for i in range(3)]
-    assert recorder.told == [("begins", "toy", 3, 3.0), *units, ("ends", "toy")]
+    run_job(toy_job(tmp_path, units=2), [toy_stage])
+    told: list[Event] = []
+    run_job(toy_job(tmp_path, units=4), [toy_stage], told.append)
+    told = [event for event in told if not isinstance(event, Memory)]
+    assert told[:2] == [Resumed("toy", 2), StageBegins("toy", 2, 5.0, 5 / 6)]
+    assert [(unit.unit, unit.cost) for unit in told[2:4]] == [("u2", 2.0), ("u3", 3.0)]
+    assert [type(event) for event in told[4:]] == [StageEnds]
 
 
 @pytest.mark.parametrize("workers", [0, 2])
@@ -222,3 +208,25 @@ def test_tree_memory_counts_a_child():
         child.stdout.readline()
         assert tree_memory(os.getpid()) - before > 60 << 20
         child.communicate(b"\n")
+
+
+SPEND = """
+import subprocess, sys
+inner = "sum(i * i for i in range(5_000_000)); open(sys.argv[1], 'wb').write(bytes(3 << 20))"
+subprocess.run([sys.executable, "-c", "import sys;" + inner, sys.argv[1]], check=True)
+print(1, flush=True)
+input()
+"""
+
+
+def test_tree_usage_counts_a_grandchild_that_has_ended(tmp_path):
+    before = tree_usage(os.getpid())
+    pipe, command = subprocess.PIPE, [sys.executable, "-c", SPEND, str(tmp_path / "out")]
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        took = tree_usage(os.getpid()).since(before)
+        child.communicate(b"\n")
+    assert took.cpu_seconds > 0.1
+    assert 3 << 20 <= took.written_bytes < 4 << 20
+    assert took.read_bytes > 0
