@@ -302,6 +302,7 @@ def _bad() -> dict[str, bytes]:
         "GST-0109": with_chunk(vertices=4),
         "GST-0111": with_part(crc=0),
         "GST-0112": with_fan_index(PartBytes(0, 1, raw_index)),
+        "GST-0112-constant": with_fan_index(PartBytes(0, 1, b"\5\0", codec=2)),
         "GST-0113": with_fan_index(broken),
         "GST-0114": with_fan_index(above),
         "GST-0114-even-code": full_chunk(0, 0),

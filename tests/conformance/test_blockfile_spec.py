@@ -16,6 +16,7 @@ from small_block_files import ALL, Paging, Scene, file_bytes, random_scene
 from gstream.blockcheck import iter_findings
 from gstream.formats import blockhead, directory, lodrule
 from gstream.formats.blockmeta import MAX_META_BYTES
+from gstream.formats.framing import decompress
 from gstream.formats.morton import encode_morton
 from gstream.read import open_block_file
 
@@ -159,6 +160,11 @@ def test_the_decoder_finds_a_cut_and_a_flip(decoder):
     for damaged in (data[:-1], data[:-500], data[:20] + b"\1" + data[21:]):
         with pytest.raises(ValueError, match=r"GSB-010[23]"):
             list(decoder.blocks(damaged))
+
+
+def test_the_lz4_library_takes_a_match_at_offset_0_for_zeros():
+    block = bytes([0x1F, ord("a"), 0, 0, 0, 0x50]) + b"bcdef"
+    assert decompress(block, 25, "", "", 0) == b"a" + bytes(19) + b"bcdef"
 
 
 @pytest.mark.parametrize("bits", [8, 11])

@@ -40,7 +40,7 @@ export function unpackLz4(source, length) {
     if (to > length - MATCH_LIMIT || end - from < 2) return null;
     const back = source[from] | (source[from + 1] << 8);
     from += 2;
-    if (back === 0 || back > to) return null;
+    if (back > to) return null;
     let match = token & 15;
     if (match === 15) {
       for (let more = 255; more === 255; match += more) {
@@ -50,7 +50,9 @@ export function unpackLz4(source, length) {
     }
     match += 4;
     if (match > length - LAST_LITERALS - to) return null;
-    if (back === 1) {
+    if (back === 0) {
+      to += match; // zeros, as of the library, though its format calls an offset of 0 invalid
+    } else if (back === 1) {
       out.fill(out[to - 1], to, to + match);
       to += match;
     } else if (match > 24 && back >= match) {

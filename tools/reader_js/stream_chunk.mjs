@@ -174,9 +174,9 @@ function decodePart(head, part, stored, index, refuse) {
   const [width, array] = DTYPES[dtype];
   const count = [head.vertices, 3 * head.triangles, head.triangles, 1][domain];
   const data = unpack(head, part, stored, count * components * width, components * width, refuse);
-  if (codec === 2) return repeated(array, data, count, width);
   if (filter === 0) {
-    const values = new array(data.slice().buffer);
+    const all = codec === 2 ? repeated(data, data.length * count) : data.slice();
+    const values = new array(all.buffer);
     if (attribute === INDEX && values.some((vertex) => vertex >= head.vertices)) {
       refuse('GST-0112', 'an index is not below the number of vertices');
     }
@@ -208,10 +208,10 @@ function unpack(head, { codec, filter, raw }, stored, whole, single, refuse) {
   return data ?? refuse('GST-0113', `the LZ4 block does not unpack to ${raw} bytes`);
 }
 
-function repeated(array, one, count, width) {
-  const all = new Uint8Array(one.length * count);
-  for (let i = 0; i < all.length; i++) all[i] = one[i % one.length];
-  return new array(all.buffer, 0, all.length / width);
+function repeated(one, length) {
+  const all = new Uint8Array(length);
+  for (let i = 0; i < length; i++) all[i] = one[i % one.length];
+  return all;
 }
 
 /**
