@@ -1,7 +1,9 @@
 """Cells on disk: what presort leaves for voxelize. Scratch, no public format.
 
-Each presort unit leaves one file of records, grouped into segments of one cell and kind. The index
-of all segments is one array; the scene (grid, attributes, counts) is one JSON file.
+Each presort unit leaves one file of segments, each of one cell and kind. A small segment: vertices
+(u64, kernels/presort.py), triangles (3 x u16), attribute words (u32, per corner); a large one:
+corners (9 x i32), attribute words. The index of all segments is one array; the scene (grid,
+attributes, counts) is one JSON file.
 """
 
 import json
@@ -20,8 +22,9 @@ SEGMENT = np.dtype(
     [
         ("cell", "<u4"),  # Morton code of the cell
         ("kind", "u1"),  # SMALL or LARGE
-        ("unit", "<u4"),  # number of the presort unit whose file holds the records
+        ("unit", "<u4"),  # number of the presort unit whose file holds the segment
         ("count", "<u4"),  # triangles
+        ("vertices", "<u4"),  # of a small segment; a large one has three corners a triangle
         ("offset", "<u8"),  # bytes into that file
     ]
 )

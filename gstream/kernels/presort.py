@@ -1,8 +1,9 @@
-"""Sorting snapped triangles into cells: counting, then scattering packed records.
+"""Sorting snapped triangles into cells: counting, then an index of its own for each cell.
 
-A small triangle (extent below half a cell) is packed relative to each cell that its box touches:
-21 bits per coordinate, one u64 per corner, 24 bytes. A large one keeps full-width coordinates.
-Source: distribution counting, Knuth TAOCP vol. 3, section 5.2, algorithm D.
+A small triangle (extent below half a cell) goes to each cell that its box touches, by three u16
+indices into vertices relative to the cell: 21 bits per coordinate, one u64 per vertex. That is 10
+to 11 bytes a triangle where triangles share vertices, 24 if each had its own. A large one keeps
+full-width coordinates. Source: distribution counting, Knuth TAOCP vol. 3, section 5.2, algorithm D.
 """
 
 import numpy as np
@@ -12,6 +13,7 @@ from gstream.kernels import kernel, part
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
+U16 = NDArray[np.uint16]
 U32 = NDArray[np.uint32]
 U64 = NDArray[np.uint64]
 
@@ -21,31 +23,28 @@ COORDINATE_BITS = 21
 U21 = np.uint64(COORDINATE_BITS)
 U42 = np.uint64(2 * COORDINATE_BITS)
 MASK21 = np.uint64((1 << COORDINATE_BITS) - 1)
+SEGMENT_VERTICES = 1 << 16  # what indices of 16 bits can name
 
 
 @kernel
-def gather(triangles: NDArray[np.integer], snapped: I64, corners: I32) -> None:
-    """corners[t, c] = snapped[triangles[t, c]].
+def gather(triangles: NDArray[np.integer], points: NDArray[np.integer], corners: NDArray) -> None:
+    """corners[t, c] = points[triangles[t, c]].
 
-    triangles : (n, 3) unsigned   vertex ids in the chunk
-    snapped : (v, 3) i8   snap units
-    corners : (n, 3, 3) i4   out
+    triangles : (n, 3) unsigned; points : (v, 3) integers
+    corners : (n, 3, 3) integers   out
+    errors : none; indices are below v
     """
     for t in range(triangles.shape[0]):
         for c in range(3):
+            v = np.uint64(triangles[t, c])
             for axis in range(3):
-                corners[t, c, axis] = snapped[triangles[t, c], axis]
+                corners[t, c, axis] = points[v, axis]
 
 
 @part
-def span(
-    corners: I32, t: int, axis: int, rules: tuple[int, int, int, bool]
-) -> tuple[int, int, int]:
-    """First and last cell that triangle t's box meets along an axis, by the tie rule; its kind."""
+def span(a: int, b: int, c: int, rules: tuple[int, int, int, bool]) -> tuple[int, int, int]:
+    """First and last cell that a triangle's box meets along an axis, by the tie rule; its kind."""
     k, cell_bits, resolution, closed = rules
-    a = np.int64(corners[t, 0, axis])
-    b = np.int64(corners[t, 1, axis])
-    c = np.int64(corners[t, 2, axis])
     low, high = min(a, b, c), max(a, b, c)
     large = high - low >= np.int64(1) << (k + cell_bits - 1)
     low, high = -((-low) >> k) - 1 if closed else low >> k, high >> k
@@ -59,14 +58,27 @@ def span(
 
 
 @part
-def is_degenerate(corners: I32, t: int) -> bool:
+def spans(
+    vertices: I32, triangles: U32, t: int, rules: tuple[int, int, int, bool]
+) -> tuple[tuple[int, int, int], tuple[int, int, int], tuple[int, int, int]]:
+    """`span` of triangle t along x, y, z."""
+    a, b, c = np.uint64(triangles[t, 0]), np.uint64(triangles[t, 1]), np.uint64(triangles[t, 2])
+    x = span(np.int64(vertices[a, 0]), np.int64(vertices[b, 0]), np.int64(vertices[c, 0]), rules)
+    y = span(np.int64(vertices[a, 1]), np.int64(vertices[b, 1]), np.int64(vertices[c, 1]), rules)
+    z = span(np.int64(vertices[a, 2]), np.int64(vertices[b, 2]), np.int64(vertices[c, 2]), rules)
+    return x, y, z
+
+
+@part
+def is_degenerate(vertices: I32, triangles: U32, t: int) -> bool:
     """The snapped triangle has no area."""
+    a, b, c = np.uint64(triangles[t, 0]), np.uint64(triangles[t, 1]), np.uint64(triangles[t, 2])
     for axis in range(3):
         p, q = (axis + 1) % 3, (axis + 2) % 3
-        ep = np.int64(corners[t, 1, p]) - corners[t, 0, p]
-        eq = np.int64(corners[t, 1, q]) - corners[t, 0, q]
-        fp = np.int64(corners[t, 2, p]) - corners[t, 0, p]
-        fq = np.int64(corners[t, 2, q]) - corners[t, 0, q]
+        ep = np.int64(vertices[b, p]) - vertices[a, p]
+        eq = np.int64(vertices[b, q]) - vertices[a, q]
+        fp = np.int64(vertices[c, p]) - vertices[a, p]
+        fq = np.int64(vertices[c, q]) - vertices[a, q]
         if ep * fq - eq * fp != 0:
             return False
     return True
@@ -81,12 +93,12 @@ def cell_key(x: int, y: int, z: int, spread: U32) -> int:
 
 @kernel
 def classify(
-    corners: I32, rules: tuple[int, int, int, bool], spread: U32,
+    vertices: I32, triangles: U32, rules: tuple[int, int, int, bool], spread: U32,
     kinds: NDArray[np.uint8], counts: I64,
 ) -> int:  # fmt: skip
     """Kind of each triangle, and how many small ones each cell gets.
 
-    corners : (n, 3, 3) i4   snap units in the grid
+    vertices, triangles : (v, 3) i4, (n, 3) u4   snap units in the grid; rows of vertices
     rules : (snap bits, log2 of the cell edge, resolution, closed ties)
     spread : (256,) u4   Morton code of (i, 0, 0)
     kinds : (n,) u1   out
@@ -94,15 +106,13 @@ def classify(
     returns : int   triangles whose snapped area is zero (those outside not counted)
     """
     degenerate = 0
-    for t in range(corners.shape[0]):
-        x0, x1, kind_x = span(corners, t, 0, rules)
-        y0, y1, kind_y = span(corners, t, 1, rules)
-        z0, z1, kind_z = span(corners, t, 2, rules)
+    for t in range(triangles.shape[0]):
+        (x0, x1, kind_x), (y0, y1, kind_y), (z0, z1, kind_z) = spans(vertices, triangles, t, rules)
         kind = max(kind_x, kind_y, kind_z)
         kinds[t] = kind
         if kind == OUTSIDE:
             continue
-        degenerate += is_degenerate(corners, t)
+        degenerate += is_degenerate(vertices, triangles, t)
         if kind == LARGE:
             continue
         for z in range(z0, z1 + 1):
@@ -113,55 +123,77 @@ def classify(
 
 
 @kernel
-def scatter(
-    corners: I32, extras: U32, kinds: NDArray[np.uint8], rules: tuple[int, int, int, bool],
-    spread: U32, offsets: I64, packed: U64, packed_extras: U32,
+def sort_by_cell(
+    vertices: I32, triangles: U32, kinds: NDArray[np.uint8], rules: tuple[int, int, int, bool],
+    spread: U32, offsets: I64, order: U32,
 ) -> None:  # fmt: skip
-    """Write each small triangle to every cell that its box touches.
+    """Number of each small triangle, once for every cell that its box touches, cell by cell.
 
-    extras : (n, 3, e) u4   attribute words at the corners
-    offsets : (8^bits,) i8   next free record of each Morton cell, advanced
-    packed : (references, 3) u8   out: x | y << 21 | z << 42, snap units from half a cell below
-    packed_extras : (references, 3, e) u4   out
+    vertices, triangles, kinds, rules, spread : as of `classify`
+    offsets : (8^bits,) i8   next free place of each Morton cell, advanced
+    order : (references,) u4   out; within a cell in the triangles' order
     """
-    cell = np.int64(1) << (rules[0] + rules[1])
-    half = cell >> 1
-    for t in range(corners.shape[0]):
+    for t in range(triangles.shape[0]):
         if kinds[t] > SPANNING:
             continue
-        x0, x1, _ = span(corners, t, 0, rules)
-        y0, y1, _ = span(corners, t, 1, rules)
-        z0, z1, _ = span(corners, t, 2, rules)
+        (x0, x1, _), (y0, y1, _), (z0, z1, _) = spans(vertices, triangles, t, rules)
         for z in range(z0, z1 + 1):
             for y in range(y0, y1 + 1):
                 for x in range(x0, x1 + 1):
                     key = cell_key(x, y, z, spread)
-                    at = np.uint64(offsets[key])
+                    order[np.uint64(offsets[key])] = t
                     offsets[key] += 1
-                    for c in range(3):
-                        px = np.uint64(corners[t, c, 0] - x * cell + half)
-                        py = np.uint64(corners[t, c, 1] - y * cell + half)
-                        pz = np.uint64(corners[t, c, 2] - z * cell + half)
-                        packed[at, c] = px | (py << U21) | (pz << U42)
-                        for e in range(extras.shape[2]):
-                            packed_extras[at, c, e] = extras[t, c, e]
 
 
 @kernel
-def unpack(packed: U64, half_cell: int, shift: I64, corners: I64) -> None:
-    """Packed corners back to snap units relative to a box inside the cell.
+def index_segment(
+    vertices: I32, triangles: U32, chosen: U32, low: I64,
+    segment: int, seen: U32, places: U16, packed: U64, indices: U16,
+) -> tuple[int, int]:  # fmt: skip
+    """Give the vertices of some triangles numbers of their own, by first use, and pack them.
 
-    packed : (n, 3) u8
+    vertices, triangles : (v, 3) i4, (n, 3) u4
+    chosen : (m,) u4   numbers of triangles; the rest is left for another segment at
+        SEGMENT_VERTICES vertices
+    low : (3,) i8   what packed coordinates are relative to, snap units
+    segment, seen : int, (v,) u4   a number of this segment, above 0; of each vertex' last one
+    places : (v,) u2   scratch: each vertex' number in its last segment
+    packed : (SEGMENT_VERTICES,) u8   out: x | y << 21 | z << 42
+    indices : (m or more, 3) u2   out
+    returns : (triangles, vertices) that the segment has
+    """
+    count = np.int64(0)
+    for i in range(chosen.size):
+        if count > SEGMENT_VERTICES - 3:
+            return i, count
+        t = np.uint64(chosen[i])
+        for c in range(3):
+            v = np.uint64(triangles[t, c])
+            if seen[v] != segment:
+                seen[v], places[v] = segment, count
+                x = np.uint64(vertices[v, 0] - low[0])
+                y = np.uint64(vertices[v, 1] - low[1])
+                z = np.uint64(vertices[v, 2] - low[2])
+                packed[count] = x | (y << U21) | (z << U42)
+                count += 1
+            indices[i, c] = places[v]
+    return chosen.size, count
+
+
+@kernel
+def unpack(packed: U64, half_cell: int, shift: I64, points: I64) -> None:
+    """Packed vertices back to snap units relative to a box inside the cell.
+
+    packed : (n,) u8
     half_cell : half the cell's edge, snap units
     shift : (3,) i8   the box' low corner in the cell, snap units
-    corners : (n, 3, 3) i8   out
+    points : (n, 3) i8   out
     """
-    for t in range(packed.shape[0]):
-        for c in range(3):
-            word = packed[t, c]
-            corners[t, c, 0] = np.int64(word & MASK21) - half_cell - shift[0]
-            corners[t, c, 1] = np.int64((word >> U21) & MASK21) - half_cell - shift[1]
-            corners[t, c, 2] = np.int64(word >> U42) - half_cell - shift[2]
+    for v in range(packed.size):
+        word = packed[v]
+        points[v, 0] = np.int64(word & MASK21) - half_cell - shift[0]
+        points[v, 1] = np.int64((word >> U21) & MASK21) - half_cell - shift[1]
+        points[v, 2] = np.int64(word >> U42) - half_cell - shift[2]
 
 
 @kernel

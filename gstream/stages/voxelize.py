@@ -21,7 +21,7 @@ from gstream.formats.pile import PileWriter
 from gstream.job import Job, Summary, Unit
 from gstream.kernels.accumulate import HIT
 from gstream.kernels.lod import finish_voxels
-from gstream.kernels.presort import unpack, within
+from gstream.kernels.presort import gather, unpack, within
 from gstream.kernels.select import sum_areas
 from gstream.kernels.voxelize import Box, BoxFullError, Rules, compact
 from gstream.run.publish import Scratch
@@ -105,7 +105,9 @@ def warm() -> None:
         rows, _ = box.collect(0, 1)
         finish_voxels(rows, box.sums, box.flags, channels == 4, False, 11, COLOUR_TABLES)
         sum_areas(box.sums, box.flags)
-    unpack(np.zeros((2, 3), np.uint64), 0, np.zeros(3, np.int64), corners)
+    points = np.zeros((2, 3), np.int64)
+    unpack(np.frombuffer(bytes(16), "<u8"), 0, np.zeros(3, np.int64), points)
+    gather(np.frombuffer(bytes(12), "<u2").reshape(2, 3), points, corners)
     within(corners, 12, False, np.zeros(3, np.int64), np.ones(3, np.int64), np.zeros(2, np.bool_))
 
 
@@ -177,33 +179,39 @@ class Filling:
 
     def _triangles(self, low: Array) -> Iterator[tuple[Array, Array]]:
         """Corners relative to the box at `low`, and channels, batch by batch."""
-        k = self.scene.grid.snap_bits
-        half_cell = 1 << (k + self.scene.cell_bits - 1)
         at = 0
         for segment in self.segments:
-            name = f"{SOURCE}/{int(segment['unit']):06}.cells"
-            count, offset = int(segment["count"]), int(segment["offset"])
             large = segment["kind"] == LARGE
-            width = 36 if large else 24
-            words_at = offset + count * width
-            word_bytes = 12 * self.scene.words
+            count, width = int(segment["count"]), 36 if large else 6
+            name = f"{SOURCE}/{int(segment['unit']):06}.cells"
+            points = self._points(segment, name, low)
+            triangles_at = int(segment["offset"]) + 8 * int(segment["vertices"])
+            words_at, word_bytes = triangles_at + count * width, 12 * self.scene.words
             for first in range(0, count, BATCH_TRIANGLES):
                 n = min(BATCH_TRIANGLES, count - first)
-                data = self.scratch.read(name, offset + first * width, n * width)
+                data = self.scratch.read(name, triangles_at + first * width, n * width)
                 corners = np.empty((n, 3, 3), np.int64)
                 if large:
                     corners[:] = np.frombuffer(data, "<i4").reshape(n, 3, 3)
-                    corners -= (self.low + low) << k
+                    corners -= (self.low + low) << self.rules.snap_bits
                 else:
-                    packed = np.frombuffer(data, "<u8").reshape(n, 3)
-                    unpack(packed, half_cell, low << k, corners)
+                    gather(np.frombuffer(data, "<u2").reshape(n, 3), points, corners)
+                    self._note_single(corners, low, at)
                 extras = self.scratch.read(name, words_at + first * word_bytes, n * word_bytes)
-                values = _channels(np.frombuffer(extras, "<u4").reshape(n, 3, -1), self.scene)
-                if not large:
-                    shift = low << k
-                    within(corners, k, self.rules.closed, shift, self.room, self.single[at:])
-                yield corners, values
+                yield corners, _channels(np.frombuffer(extras, "<u4").reshape(n, 3, -1), self.scene)
                 at += n
+
+    def _points(self, segment: Array, name: str, low: Array) -> Array:
+        """(v, 3) i8 vertices of a segment relative to the box at `low`, snap units."""
+        k, count = self.rules.snap_bits, int(segment["vertices"])
+        packed = np.frombuffer(self.scratch.read(name, int(segment["offset"]), 8 * count), "<u8")
+        points = np.empty((count, 3), np.int64)
+        unpack(packed, 1 << (k + self.scene.cell_bits - 1), low << k, points)
+        return points
+
+    def _note_single(self, corners: Array, low: Array, at: int) -> None:
+        k, closed = self.rules.snap_bits, self.rules.closed
+        within(corners, k, closed, low << k, self.room, self.single[at:])
 
     def _block(self, box: Box, part: int, parts: int) -> Block | None:
         rows, codes = box.collect(part, parts, HIT)
