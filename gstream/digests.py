@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from gstream.compiled import READING
 from gstream.errors import UnsupportedError
+from gstream.formats.blockhead import check_tail
+from gstream.formats.directory import TAIL_BYTES
 from gstream.formats.stream import StreamReader
 from gstream.read import BlockView, open_block_file
 
@@ -44,6 +46,8 @@ def block_file_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     errors : CorruptFileError; UnsupportedError for a newer file
     """
     with open_block_file(path, choose=READING) as file:
+        tail = file.read_range(file.head.file_bytes - TAIL_BYTES, TAIL_BYTES)
+        check_tail(tail, file.head, file.path)
         levels = []
         for level in range(file.levels):
             blocks, voxels, digests = 0, 0, _Digests()

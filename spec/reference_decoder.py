@@ -150,8 +150,8 @@ def chunk(data, row):
         need(id_ or not n or values.max() < vertices, "GST-0112")
         if id_ in (1, 2):
             points = values.view(f"<f{item}") if n else np.zeros((1, 3))
-            box = np.array([points.min(axis=0), points.max(axis=0)], float) + 0.0
-            need(box.tobytes() == stated.tobytes(), "GST-0117")
+            box = points.min(axis=0).tolist() + points.max(axis=0).tolist()  # -0.0 is to be 0.0
+            need(struct.pack("<6d", *(value or 0.0 for value in box)) == data[32:80], "GST-0117")
         found[id_] = values.T
     return {"chunks": 1, "triangles": triangles, "vertices": vertices}, found
 def connect(data, start, triangles, vertices):  # vertices of the corners; codes stand before start

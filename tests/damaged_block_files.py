@@ -164,6 +164,25 @@ def split_group() -> bytes:
         return tiny_file()
 
 
+def with_a_gap() -> bytes:
+    """Eight bytes of zeros between the last payload and the tail."""
+    sound, crc = sound_file(), patch().head - 4
+    data = bytearray(sound[:-64] + bytes(8) + sound[-64:])
+    data[32:40] = len(data).to_bytes(8, "little")
+    data[crc : crc + 4] = crc32(data[:crc]).to_bytes(4, "little")
+    return Patch(bytes(data)).sealed()
+
+
+def pages_in_other_places() -> bytes:
+    """The second and the third page, each in the other's place."""
+    made = Patch(file_bytes(rare.scattered(3, 8), paging=Paging(1)))
+    first, second = made.page_records[1:3, 2].tolist()
+    length = second - first
+    made.data[first : second + length] = made.data[second:][:length] + made.data[first:second]
+    made.page_records[1:3, 2] = second, first
+    return made.sealed()
+
+
 def childless() -> bytes:
     """A block of level 1 that is stated to be empty and has no children."""
     scene = random_scene(resolution=32, voxels=2, seed=5)
@@ -272,6 +291,8 @@ DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0310": lambda: patch().at(224, b"\1").sealed(),
     "GSB-0311": lambda: patch().entry(1, "codec", CODEC_CONSTANT, "occupancy").sealed(),
     "GSB-0312": lambda: patch().entry(1, "offset", patch().head + 64, "occupancy").sealed(),
+    "GSB-0312-gap": with_a_gap,
+    "GSB-0312-order-of-pages": pages_in_other_places,
     "GSB-0401": lambda: with_column("weight", 1, data=b"\xff\xff\xff", codec=CODEC_LZ4),
     "GSB-0401-end-of-lz4": lz4_that_ends_in_a_match,
     "GSB-0402": lambda: with_column("weight", 1, raw_bytes=5),

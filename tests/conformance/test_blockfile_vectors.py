@@ -8,6 +8,8 @@ from damaged_block_files import DAMAGE, GOOD
 from gstream.blockcheck import iter_findings
 from gstream.check import RULES
 from gstream.compiled import compiled
+from gstream.digests import block_file_content
+from gstream.errors import CorruptFileError
 from gstream.formats.blockhead import Head
 from gstream.formats.blockmeta import meta_bytes
 from gstream.formats.columns import COLUMN_IDS
@@ -67,3 +69,8 @@ def test_both_arithmetics_find_the_same(name):
 
 def test_every_rule_has_a_bad_vector_and_every_bad_vector_a_rule():
     assert {rule.id for rule in RULES} == {p.stem[:8] for p in (VECTORS / "bad").glob("GSB-*")}
+
+
+def test_a_file_with_a_damaged_tail_has_no_digests():
+    with pytest.raises(CorruptFileError, match="GSB-0102"):
+        block_file_content(VECTORS / "bad" / "GSB-0102.gsb")
