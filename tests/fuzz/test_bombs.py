@@ -2,8 +2,9 @@
 
 import pytest
 
-from fuzz.bombs import BOMBS, FULL, full_block
+from fuzz.bombs import BOMBS, FULL, full_block, totals
 from fuzz.readers import ALLOCATION, deadline, disagreement, limited_memory, outcome, verdict, warm
+from gstream.formats.stream import MAX_TOTALS
 from gstream_cli.main import status
 
 COMMANDS = (["info"], ["info", "--json"], ["check"], ["check", "--json"], ["check", "--quick"])
@@ -55,3 +56,14 @@ def test_a_block_that_is_all_voxels_is_read_and_checked_within_its_columns_and_a
         assert read == outcome(path, fast=True)
     with limited_memory(columns + 3 * ALLOCATION):
         assert verdict(path) == "GSB-0509"  # the id is that of one voxel
+
+
+@pytest.mark.parametrize("unit", [b"[" * 60 + b"]" * 60, b'{"":' * 60 + b"0" + b"}" * 60, b"{}"])
+def test_totals_that_are_all_tiny_values_are_read_in_256_mib_and_four_times_the_file(
+    tmp_path, unit
+):
+    count = (MAX_TOTALS - 20) // (len(unit) + 1)
+    path = tmp_path / "tiny.gst"
+    path.write_bytes(totals(b'{"sources":[' + b",".join([unit] * count) + b"]}")())
+    with limited_memory((256 << 20) + 4 * path.stat().st_size):
+        assert verdict(path) == "GST-0209"
