@@ -1,6 +1,8 @@
 """Commands that run a job: ingest, voxelize, build, simplify."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import click
@@ -8,6 +10,8 @@ import click
 from gstream.job import IngestSettings, VoxelizeSettings
 from gstream.run import commands
 from gstream.run.commands import Request
+from gstream.run.log import Log
+from gstream.run.progress import Event, Progress, silent
 from gstream.run.publish import publish
 
 from . import options
@@ -30,7 +34,7 @@ def ingest(inputs: tuple[str, ...], output: str, **values: Any) -> None:
     gstream ingest scan.ply -o scan.gst
     gstream ingest a.obj b.stl.gz -o scene.gst --units mm --up z --compact
     """
-    _run(commands.ingest(_ingest(inputs, values), output, options.run_options(values)), values)
+    run(commands.ingest(_ingest(inputs, values), output, options.run_options(values)), values)
 
 
 @click.command()
@@ -49,7 +53,7 @@ def voxelize(stream: str, output: str, **values: Any) -> None:
     gstream voxelize scene.gst -o scene.gsb --voxel-size 0.01 --sep conservative --memory 1GiB
     """
     settings = _voxelize(values)
-    _run(commands.voxelize(stream, settings, output, options.run_options(values)), values)
+    run(commands.voxelize(stream, settings, output, options.run_options(values)), values)
 
 
 @click.command()
@@ -68,7 +72,7 @@ def build(inputs: tuple[str, ...], output: str, **values: Any) -> None:
     """
     voxels = _voxelize(values)
     request = commands.build(_ingest(inputs, values), voxels, output, options.run_options(values))
-    _run(request, values)
+    run(request, values)
 
 
 @click.command()
@@ -83,7 +87,7 @@ def simplify(blockfile: str, output: str, **values: Any) -> None:
     \b
     gstream simplify fine.gsb -o scene.gsb
     """
-    _run(commands.simplify(blockfile, output, options.run_options(values)), values)
+    run(commands.simplify(blockfile, output, options.run_options(values)), values)
 
 
 def _ingest(inputs: tuple[str, ...], values: dict[str, Any]) -> IngestSettings:
@@ -114,16 +118,35 @@ def _voxelize(values: dict[str, Any]) -> VoxelizeSettings:
     )
 
 
-def _run(request: Request, values: dict[str, Any]) -> None:
+def run(request: Request, values: dict[str, Any]) -> None:
     """Run the job or print its plan, then its report: data on stdout, talk on stderr."""
-    if values["dry_run"]:
+    if values.get("dry_run"):
         for line in request.describe():
             click.echo(line)
         return
-    with watch(values["quiet"]) as progress:
-        report = full_report(request.run(progress))
+    with _logged(values["log"]) as log, watch(values["quiet"]) as shown:
+
+        def tell(event: Event) -> None:
+            log(event)
+            shown(event)
+
+        report = full_report(request.run(tell))
     if values["report"]:
         with publish(values["report"]) as file:
             file.write(json.dumps(report, indent=1, sort_keys=True).encode() + b"\n")
     if not values["quiet"]:
         table(report)
+
+
+@contextmanager
+def _logged(path: str | None) -> Iterator[Progress]:
+    """The log, if there is to be one; whatever happens, it is said when it is not complete."""
+    if path is None:
+        yield silent
+        return
+    with Log(path) as log:
+        try:
+            yield log
+        finally:
+            if log.failure is not None:
+                click.echo(f"{path}: the log is not complete: {log.failure}", err=True)

@@ -18,6 +18,9 @@ COMMANDS = {  # command -> module of this package; imported when it is called
     "voxelize": "convert",
     "build": "convert",
     "simplify": "convert",
+    "status": "jobs",
+    "resume": "jobs",
+    "clean": "jobs",
     "info": "inspect",
     "check": "inspect",
     "preview": "inspect",
@@ -84,7 +87,8 @@ def status(arguments: Sequence[str]) -> int:
     except GstreamError as error:
         return _fail(str(error), error.exit_code)
     except Exception as error:
-        said = " ".join(f"{type(error).__name__}: {error}".split())
+        notes = getattr(error, "__notes__", [])  # where the job's folder is kept
+        said = " ".join(" ".join((f"{type(error).__name__}: {error}", *notes)).split())
         return _fail(f"{said}; an error of ours: please report it with --debug's output", 1)
     return returned if isinstance(returned, int) else 0
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import click
@@ -85,32 +86,57 @@ lz4 = click.option(
     help="Compress fast, or slower and smaller (hc). Both read equally fast.",
 )
 
+workers = click.option(
+    "--workers",
+    type=click.IntRange(min=0, max=4096),
+    default=None,
+    help="Worker processes; 0 works in this process.  [default: one per processor]",
+)
+memory = partial(
+    click.option,
+    "--memory",
+    type=Size(),
+    help="Cap on the memory of all processes together; workers are reduced to fit.",
+)
+PARANOID = (
+    "Resume only after reading all of every input and of what an earlier run has done, not samples "
+    "and lengths."
+)
+watching = stack(
+    click.option("--report", metavar="FILE", help="Write the report as JSON."),
+    click.option(
+        "--log",
+        metavar="FILE",
+        help="Append what happens to FILE, a line of JSON for each event: start, resumed, "
+        "stage_begin, unit_done, stage_end, memory, note, and stopped, error or end.",
+    ),
+    quiet,
+)
+
 running = stack(
+    workers,
+    memory(default="2GiB", show_default=True),
     click.option(
-        "--workers",
-        type=click.IntRange(min=0, max=4096),
-        default=None,
-        help="Worker processes; 0 works in this process.  [default: one per processor]",
-    ),
-    click.option(
-        "--memory",
-        type=Size(),
-        default="2GiB",
-        show_default=True,
-        help="Cap on the memory of all processes together; workers are reduced to fit.",
-    ),
-    click.option(
-        "--tmp", metavar="DIR", help="Folder for scratch files.  [default: the output's folder]"
+        "--tmp",
+        metavar="DIR",
+        help="Folder for scratch files.  [default: $TMPDIR, else the output's folder]",
     ),
     click.option("--dry-run", is_flag=True, help="Print the plan and estimates; write nothing."),
     click.option("--force", is_flag=True, help="Replace the output if it exists."),
     click.option(
-        "--paranoid",
+        "--restart",
         is_flag=True,
-        help="Resume only after hashing all of every input, not samples.",
+        help="Drop what an earlier, stopped run for this output has done.",
     ),
-    click.option("--report", metavar="FILE", help="Write the report as JSON."),
-    quiet,
+    click.option("--paranoid", is_flag=True, help=PARANOID),
+    watching,
+)
+
+resuming = stack(
+    workers,
+    memory(default=None),
+    click.option("--paranoid", is_flag=True, default=None, help=PARANOID),
+    watching,
 )
 
 ingesting = stack(
@@ -209,6 +235,7 @@ def run_options(values: dict[str, Any]) -> RunOptions:
         tmp=values["tmp"],
         force=values["force"],
         paranoid=values["paranoid"],
+        restart=values["restart"],
     )
 
 

@@ -1,10 +1,12 @@
-"""Progress as a person sees it: a bar on a terminal, a plain line every two seconds elsewhere."""
+"""Progress as a person sees it: bars on a terminal, a plain line every two seconds elsewhere."""
 
 import sys
 import time
 from typing import Self, TextIO
 
-from gstream.run.progress import Event, Note, StageBegins, StageEnds, UnitDone
+from gstream.run.progress import Event, Memory, Note, StageBegins, StageEnds, Start, UnitDone
+
+from .pace import STALL_SECONDS, Pace, clock
 
 LINE_SECONDS = 2.0
 BLOCKS_SECONDS = 0.1
@@ -16,9 +18,9 @@ class Lines:
     def __init__(self, out: TextIO) -> None:
         self._out = out
         self._notes: list[str] = []
-        self._said_at = self._began = time.monotonic()
-        self._units = self._done = 0
-        self._cost = self._done_cost = 0.0
+        self._pace = Pace()
+        self._stage = ""
+        self._said_at = time.monotonic()
 
     def __enter__(self) -> Self:
         return self
@@ -27,31 +29,24 @@ class Lines:
         self._out.flush()
 
     def __call__(self, event: Event) -> None:
+        self._pace(event)
         match event:
             case Note(said):
                 self._notes.append(said)
             case StageBegins():
-                self._began = time.monotonic()
-                self._units, self._cost = event.units, event.cost
-                self._done, self._done_cost = 0, 0.0
+                self._stage = event.stage
             case UnitDone():
-                self._unit_done(event.stage, event.cost, event.units)
+                left = self._pace.job_left
+                job = f"; job: about {clock(left)} left" if left is not None else ""
+                self._say(f"{self._stage}: {self._pace}{job}")
             case StageEnds():
                 self._say(f"{event.stage}: done in {event.seconds:.1f} s")
+            case Memory() if self._pace.stalled is not None:
+                self._say(f"{self._stage}: {self._pace}", STALL_SECONDS)
 
-    def _unit_done(self, stage: str, cost: float, units: int) -> None:
-        self._done += units
-        self._done_cost += cost
-        spent = time.monotonic() - self._began
-        rate = self._done / max(spent, 1e-9)
-        part = self._done_cost / self._cost if self._cost else self._done / self._units
-        left = spent * (1 - part) / part if part else 0
-        counts = f"{self._done}/{self._units} units"
-        self._say(f"{stage}: {counts}, {rate:.1f}/s, {clock(left)} left")
-
-    def _say(self, line: str) -> None:
+    def _say(self, line: str, seconds: float = LINE_SECONDS) -> None:
         now = time.monotonic()
-        if now - self._said_at < LINE_SECONDS:
+        if now - self._said_at < seconds:
             return
         self._said_at = now
         for note in self._notes:
@@ -61,24 +56,22 @@ class Lines:
 
 
 class Bars:
-    """One rich bar per stage: units, rate and time left, weighed by estimated cost."""
+    """One rich bar per stage, and one for the job: units, rate and time left."""
 
     def __init__(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
         from rich.progress import Progress as RichProgress
 
         self._bars = RichProgress(
             TextColumn("{task.description:>10}"),
             BarColumn(),
-            TextColumn("{task.fields[done]}/{task.fields[units]} units"),
-            TextColumn("{task.fields[rate]}"),
             TimeElapsedColumn(),
-            TimeRemainingColumn(),
+            TextColumn("{task.fields[said]}"),
             console=Console(stderr=True),
         )
-        self._done = 0
-        self._began = 0.0
+        self._pace = Pace()
+        self._job = self._stage = self._bars.add_task("job", total=1.0, said="", visible=False)
 
     def __enter__(self) -> Self:
         self._bars.start()
@@ -88,21 +81,25 @@ class Bars:
         self._bars.stop()
 
     def __call__(self, event: Event) -> None:
+        self._pace(event)
         match event:
             case Note(said):
                 self._bars.console.print(said, highlight=False, markup=False)
+            case Start():
+                self._bars.update(self._job, visible=True)
             case StageBegins():
-                self._done, self._began = 0, time.monotonic()
-                self._task = self._bars.add_task(
-                    event.stage, total=max(event.cost, 1e-9), units=event.units, done=0, rate=""
-                )
+                self._stage = self._bars.add_task(event.stage, total=1.0, said="")
             case UnitDone():
-                self._done += event.units
-                rate = f"{self._done / max(time.monotonic() - self._began, 1e-9):.1f}/s"
-                self._bars.update(self._task, advance=event.cost, done=self._done, rate=rate)
+                left = self._pace.job_left
+                said = f"about {clock(left)} left" if left is not None else ""
+                self._bars.update(self._job, completed=self._pace.job_part, said=said)
+                self._bars.update(self._stage, completed=self._pace.part, said=str(self._pace))
             case StageEnds():
-                total = self._bars.tasks[self._task].total
-                self._bars.update(self._task, completed=total, done=self._done)
+                said = f"{self._pace.done}/{self._pace.units} units"
+                self._bars.update(self._stage, completed=1.0, said=said)
+                self._bars.update(self._job, completed=self._pace.job_part)
+            case Memory() if self._pace.stalled is not None:
+                self._bars.update(self._stage, said=str(self._pace))
 
 
 class Quiet:
@@ -145,10 +142,3 @@ def watch(quiet: bool) -> Watcher:
     if quiet:
         return Quiet()
     return Bars() if sys.stderr.isatty() else Lines(sys.stderr)
-
-
-def clock(seconds: float) -> str:
-    """1:02:03 or 2:03."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from gstream.errors import InputError
 
+ARRAYS = ("positions", "triangles", "normals", "colours", "triangle_colours")  # of a mesh
+
 
 @dataclass(frozen=True, slots=True)
 class DiskArray:
@@ -70,17 +72,22 @@ class Mesh:
 
     def lies_in(self, path: str | os.PathLike[str]) -> bool:
         """Whether any of the arrays is in the file `path`."""
-        arrays = (self.positions, self.triangles, self.normals, self.colours, self.triangle_colours)
+        arrays = [getattr(self, name) for name in ARRAYS]
         wanted = os.path.abspath(path)
         return any(a is not None and os.path.abspath(a.path) == wanted for a in arrays)
 
     def to_json(self) -> bytes:
-        return json.dumps(asdict(self), sort_keys=True).encode()
+        """All of it; paths are absolute, as a job may be resumed in another working folder."""
+        fields = asdict(self)
+        for key in ARRAYS:
+            if fields[key] is not None:
+                fields[key]["path"] = os.path.abspath(fields[key]["path"])
+        return json.dumps(fields, sort_keys=True).encode()
 
     @classmethod
     def from_json(cls, data: bytes) -> Self:
         fields = json.loads(data)
-        for key in ("positions", "triangles", "normals", "colours", "triangle_colours"):
+        for key in ARRAYS:
             if fields[key] is not None:
                 array = fields[key]
                 array["shape"], array["strides"] = tuple(array["shape"]), tuple(array["strides"])

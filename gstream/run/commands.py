@@ -4,25 +4,34 @@ The Python API and the command line meet here; neither knows a stage by name.
 """
 
 import importlib
+import json
 import os
 import shutil
-from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from gstream import __version__
-from gstream.errors import UsageError
+from gstream.errors import StoppedError, UsageError
 from gstream.grid import MAX_RESOLUTION, check_snap_bits
 from gstream.job import IngestSettings, Job, VoxelizeSettings
 from gstream.read import open_block_file
 from gstream.run.budget import DiskNeed, check_disk, disk_of_ingest, disk_of_voxelize, plan_memory
-from gstream.run.journal import Identity, JobFolder, fingerprint, job_folder
+from gstream.run.jobs import read_record, size_of
+from gstream.run.journal import Identity, fingerprint, folder_name, job_folder
 from gstream.run.local import disk_errors
 from gstream.run.pipeline import RunReport, Stage, run_job
-from gstream.run.progress import Note, Progress, silent
+from gstream.run.progress import (
+    End,
+    Failed,
+    Note,
+    Progress,
+    Start,
+    Stopped,
+    silent,
+)
 from gstream.source import is_url
 
 INGEST = ("spill", "ingest")
@@ -37,9 +46,10 @@ class RunOptions:
 
     workers: int | None = None  # None = one per processor, 0 = this process
     memory: int = 2 << 30  # bytes for the whole process tree
-    tmp: str | None = None  # folder for scratch; None = the output's folder
+    tmp: str | None = None  # folder for scratch; None = $TMPDIR, else the output's folder
     force: bool = False  # replace an existing output
-    paranoid: bool = False  # fingerprint all of every input
+    paranoid: bool = False  # fingerprint all of every input; read what an earlier run has done
+    restart: bool = False  # drop what an earlier run has done
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +65,12 @@ class Request:
 
     @property
     def tmp(self) -> str:
-        return self.options.tmp or os.path.dirname(os.path.abspath(self.output))
+        return scratch_place(self.output, self.options)
+
+    @property
+    def folder(self) -> Path:
+        """Of the job: named by its output."""
+        return Path(self.tmp).absolute() / folder_name(self.output)
 
     @property
     def workers(self) -> int:
@@ -63,15 +78,16 @@ class Request:
         return (os.cpu_count() or 1) if wanted is None else wanted
 
     def identity(self) -> Identity:
-        """What names the job's folder; reads samples of all inputs."""
+        """What a job that is resumed must agree with; reads samples of all inputs."""
         whole = self.options.paranoid
+        ingest = asdict(self.ingest) if self.ingest else {}
+        ingest.pop("inputs", None)
+        voxelize = asdict(self.voxelize) if self.voxelize else {}
+        settings = json.dumps({"ingest": ingest, "voxelize": voxelize})
         return Identity(
             stages=self.stages,
-            settings={
-                "ingest": asdict(self.ingest) if self.ingest else None,
-                "voxelize": asdict(self.voxelize) if self.voxelize else None,
-            },
-            inputs={os.path.abspath(path): fingerprint(path, whole) for path in self.inputs},
+            settings=json.loads(settings),
+            inputs=tuple((os.path.abspath(path), fingerprint(path, whole)) for path in self.inputs),
             output=os.path.abspath(self.output),
             version=__version__,
         )
@@ -93,18 +109,51 @@ class Request:
         errors : RefusedError when it does not fit; StoppedError when it can be resumed; InputError
             and CorruptFileError for its inputs
         """
-        progress = progress or silent
+        tell = progress or silent
+        try:
+            report = self._run(tell)
+        except StoppedError as error:
+            tell(Stopped(str(error)))
+            raise
+        except BaseException as error:
+            tell(Failed(type(error).__name__, str(error)))
+            raise
+        cpu = report.usage.cpu_seconds
+        tell(End(report.output, report.output_bytes, report.seconds, cpu, report.peak_memory))
+        return report
+
+    def _run(self, tell: Progress) -> RunReport:
+        tell(Note(f"disk: {self._expected_disk()}"))
         self._check_disk()
+        output = os.path.abspath(self.output)
+        place = Job(str(self.folder), output, self._stream())
+        options = {
+            "workers": self.workers,
+            "memory": self.options.memory,
+            "force": self.options.force,
+            "paranoid": self.options.paranoid,
+        }
+        identity, restart = self.identity(), self.options.restart
         with (
-            job_folder(self.tmp, self.identity(), self.options.memory, self.workers) as folder,
-            ExitStack() as stack,
+            disk_errors(place, "the job's folder"),
+            job_folder(self.folder, identity, self.options.memory, options, restart) as held,
+            disk_errors(place, "the pipeline"),
         ):
-            job = self._job(folder)
-            stack.enter_context(disk_errors(job, "the pipeline"))
-            verb = "resuming" if folder.resumed else "working"
-            progress(Note(f"{verb} in {folder.path} with {_count(folder.workers)}"))
+            verb = "resuming" if held.resumed else "working"
+            tell(Note(f"{verb} in {held.path} with {_count(held.workers)}"))
+            workers, memory = held.workers, self.options.memory
+            tell(Start(identity.as_dict(), str(held.path), workers, memory, held.resumed))
+            job = replace(
+                place,
+                ingest=self.ingest,
+                voxelize=self.voxelize,
+                workers=held.plan.workers,
+                memory=memory,
+                worker_memory=held.plan.worker_memory,
+            )
             modules = [importlib.import_module(f"gstream.stages.{name}") for name in self.stages]
-            return run_job(job, cast(Sequence[Stage], modules), progress, folder.workers)
+            stages = cast(Sequence[Stage], modules)
+            return run_job(job, stages, tell, workers, self.options.paranoid)
 
     def describe(self) -> Iterable[str]:
         """The plan and its estimates, for --dry-run; nothing is written."""
@@ -116,38 +165,31 @@ class Request:
         yield f"memory   {_mib(self.options.memory)}: {_count(plan.workers)}, " + (
             f"{_mib(plan.worker_memory)} for each unit"
         )
-        yield f"scratch  {os.path.join(self.tmp, self.identity().folder_name())}"
-        needs = self.disk()
-        yield f"disk     about {_mib(sum(n.scratch for n in needs))} of scratch, " + (
-            f"{_mib(needs[-1].output if needs else 0)} of output, or more"
-        )
+        yield f"scratch  {self.folder}"
+        yield f"disk     {self._expected_disk()}"
         self._check_disk()
+
+    def _expected_disk(self) -> str:
+        needs = self.disk()
+        scratch, output = sum(n.scratch for n in needs), needs[-1].output if needs else 0
+        return f"about {_mib(scratch)} of scratch, {_mib(output)} of output, or more"
 
     def _check_disk(self) -> None:
         needs = self.disk()
         output = os.path.dirname(os.path.abspath(self.output))
         scratch = sum(n.scratch for n in needs) + sum(n.output for n in needs[:-1])
-        check_disk("scratch", self.tmp, scratch, shutil.disk_usage(self.tmp).free)
+        held = size_of(self.folder)  # by an earlier run of the job
+        check_disk("scratch", self.tmp, scratch, shutil.disk_usage(self.tmp).free + held)
         for need in needs[-1:]:
             check_disk("the output", output, need.output, shutil.disk_usage(output).free)
 
-    def _job(self, folder: JobFolder) -> Job:
+    def _stream(self) -> str:
+        """The path of the geometry stream: an input, the output, or scratch."""
         if self.ingest is None:
-            stream = os.path.abspath(self.inputs[0])
-        elif self.voxelize is None:
-            stream = os.path.abspath(self.output)
-        else:
-            stream = str(folder.path / "scene.gst")
-        return Job(
-            folder=str(folder.path),
-            output=os.path.abspath(self.output),
-            stream=stream,
-            ingest=self.ingest,
-            voxelize=self.voxelize,
-            workers=folder.plan.workers,
-            memory=self.options.memory,
-            worker_memory=folder.plan.worker_memory,
-        )
+            return os.path.abspath(self.inputs[0])
+        if self.voxelize is None:
+            return os.path.abspath(self.output)
+        return str(self.folder / "scene.gst")
 
 
 def ingest(settings: IngestSettings, output: str, options: RunOptions) -> Request:
@@ -205,6 +247,45 @@ def simplify(blockfile: str, output: str, options: RunOptions) -> Request:
     return Request(RELEVEL, (blockfile,), output, options, voxelize=settings)
 
 
+def resume(folder: Path, changes: Mapping[str, Any]) -> Request:
+    """`gstream resume`: the job of that folder, as it was asked for.
+
+    changes : fields of RunOptions that are to be others
+    errors : UsageError for a folder that is no job's, a job of another version or of another
+        place, and any path that cannot work by now
+    """
+    folder = folder.resolve()
+    record = read_record(folder)
+    held = record.identity
+    if held.version != __version__:
+        said = f"{folder}: its job was begun by gstream {held.version}, and this is {__version__}"
+        raise UsageError(said, f"resume it with that version, or drop it: gstream clean {folder}")
+    if not (os.path.isdir(record.folder) and folder.samefile(record.folder)):
+        said = f"{folder}: was moved, and files in it name each other by {record.folder}"
+        raise UsageError(said, "move it back")
+    options = RunOptions(**{**record.options, "tmp": os.path.dirname(record.folder), **changes})
+    paths = tuple(path for path, _ in held.inputs)
+    check_paths(paths, held.output, options)
+    ingest, voxels = held.settings["ingest"], held.settings["voxelize"]
+    if ingest:
+        bounds = ingest["bounds"] and tuple(ingest["bounds"])
+        ingest = IngestSettings(**{**ingest, "inputs": paths, "bounds": bounds})
+    return Request(
+        stages=held.stages,
+        inputs=paths,
+        output=held.output,
+        options=options,
+        ingest=ingest or None,
+        voxelize=VoxelizeSettings(**voxels) if voxels else None,
+    )
+
+
+def scratch_place(output: str, options: RunOptions) -> str:
+    """The folder in which the job's folder is: --tmp, else $TMPDIR, else where the output is."""
+    given = options.tmp or os.environ.get("TMPDIR")
+    return given or os.path.dirname(os.path.abspath(output))
+
+
 def check_voxelize(settings: VoxelizeSettings) -> None:
     """errors : UsageError for a number that no grid can have."""
     resolution, size = settings.resolution, settings.voxel_size
@@ -233,9 +314,8 @@ def check_paths(inputs: Sequence[str], output: str, options: RunOptions) -> None
         raise UsageError("there is no input", "name at least one file")
     for path in inputs:
         _check_input(path, output)
-    if options.tmp is not None:
-        _check_folder(options.tmp, "the folder for scratch")
     _check_output(output, options.force, folder=False)
+    _check_folder(scratch_place(output, options), "the folder for scratch")
 
 
 def check_reading(blockfile: str, output: str, force: bool, folder: bool = False) -> None:

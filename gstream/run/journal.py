@@ -1,4 +1,4 @@
-"""A job's folder: named by what decides the bytes, locked, removed on success, kept for resuming.
+"""A job's folder: named by its output, locked, removed on success, kept for resuming.
 
 State is only files that appeared through `publish`: `job.json` here, done markers in the stages.
 """
@@ -7,13 +7,13 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from gstream.errors import GstreamError, RefusedError, StoppedError
+from gstream.errors import GstreamError, RefusedError, StoppedError, UsageError
 from gstream.run.budget import MemoryPlan, plan_memory
 from gstream.run.local import LOCK_FILE, locked_folder
 from gstream.run.publish import publish
@@ -28,8 +28,8 @@ class Identity:
     """Everything that decides what a job's scratch files hold."""
 
     stages: tuple[str, ...]
-    settings: Mapping[str, Any]  # of ingest and voxelize
-    inputs: Mapping[str, str]  # absolute path -> fingerprint
+    settings: Mapping[str, Any]  # of ingest and voxelize, as JSON values, without the inputs
+    inputs: tuple[tuple[str, str], ...]  # absolute path and fingerprint, in order
     output: str  # absolute path
     version: str  # of gstream
 
@@ -37,33 +37,123 @@ class Identity:
         return {
             "stages": list(self.stages),
             "settings": dict(self.settings),
-            "inputs": dict(self.inputs),
+            "inputs": [list(pair) for pair in self.inputs],
             "output": self.output,
             "version": self.version,
         }
 
-    def folder_name(self) -> str:
-        """`gstream-<16 hex digits>`: equal exactly when everything above is."""
-        text = json.dumps(self.as_dict(), sort_keys=True, allow_nan=True)
-        return f"gstream-{blake2b(text.encode(), digest_size=8).hexdigest()}"
+    @classmethod
+    def from_dict(cls, fields: Mapping[str, Any]) -> Self:
+        """errors : KeyError, TypeError, ValueError for anything that `as_dict` did not make"""
+        return cls(
+            stages=tuple(fields["stages"]),
+            settings=dict(fields["settings"]),
+            inputs=tuple((str(path), str(print_)) for path, print_ in fields["inputs"]),
+            output=str(fields["output"]),
+            version=str(fields["version"]),
+        )
+
+    def settings_fingerprint(self) -> str:
+        """16 hex digits: equal exactly when stages and settings are."""
+        text = json.dumps([self.stages, self.settings], sort_keys=True)
+        return blake2b(text.encode(), digest_size=8).hexdigest()
+
+    def changes(self, now: "Identity") -> list[str]:
+        """What is different `now`, each with both fingerprints; of different order, the inputs."""
+        changes = []
+        if self.version != now.version:
+            changes.append(f"gstream was {self.version}, is {now.version}")
+        before, after = self.settings_fingerprint(), now.settings_fingerprint()
+        if before != after:
+            changes.append(f"settings were {before}, are {after}{_differing(self, now)}")
+        earlier, later = dict(self.inputs), dict(now.inputs)
+        for path in dict.fromkeys((*earlier, *later)):
+            was, is_ = earlier.get(path, "no input"), later.get(path, "no input")
+            if not _agree(was, is_):
+                changes.append(f"{path} was {was}, is {is_}")
+        if not changes and [path for path, _ in self.inputs] != [path for path, _ in now.inputs]:
+            changes.append("the inputs are in another order")
+        return changes
+
+
+def folder_name(output: str) -> str:
+    """`gstream-<16 hex digits>` of the output's path: two jobs for one output would be in conflict.
+
+    So a job whose inputs or settings were changed meets its earlier folder, and is refused.
+    """
+    return f"gstream-{blake2b(os.path.abspath(output).encode(), digest_size=8).hexdigest()}"
 
 
 def fingerprint(path: str | Path, whole: bool = False) -> str:
-    """Size and hash of a file's head, tail and 64 blocks between (`whole`: of all); no times."""
+    """Size and hash of a file's head, tail and 64 blocks between; no times.
+
+    whole : followed by the hash of all of it
+    """
     size = os.path.getsize(path)
+    last = size - SAMPLE_BYTES
+    everything = range(0, size, SAMPLE_BYTES)
+    few = size <= (SAMPLES + 2) * SAMPLE_BYTES
+    sampled = everything if few else [last * i // (SAMPLES + 1) for i in range(SAMPLES + 2)]
+    print_ = f"{size}-{_hash(path, sampled)}"
+    return f"{print_}-{_hash(path, everything)}" if whole else print_
+
+
+def _hash(path: str | Path, offsets: Sequence[int]) -> str:
     digest = blake2b(digest_size=16)
     with open(path, "rb") as file:
-        for at in _sample_offsets(size, whole):
+        for at in offsets:
             file.seek(at)
             digest.update(file.read(SAMPLE_BYTES))
-    return f"{size}-{digest.hexdigest()}"
+    return digest.hexdigest()
 
 
-def _sample_offsets(size: int, whole: bool) -> Sequence[int]:
-    if whole or size <= (SAMPLES + 2) * SAMPLE_BYTES:
-        return range(0, size, SAMPLE_BYTES)
-    last = size - SAMPLE_BYTES
-    return [last * i // (SAMPLES + 1) for i in range(SAMPLES + 2)]
+def _agree(was: str, is_: str) -> bool:
+    """Whether two fingerprints are of one file, as far as both tell: one may be of samples."""
+    return was.startswith(is_) or is_.startswith(was)
+
+
+def _differing(earlier: Identity, now: Identity) -> str:
+    """The settings that differ, such as ` (resolution 256, now 512)`."""
+    found = []
+    for group, held in now.settings.items():
+        before = earlier.settings.get(group) or {}
+        found += [
+            f"{name} {before[name]}, now {value}"
+            for name, value in (held or {}).items()
+            if name in before and before[name] != value
+        ]
+    return f" ({'; '.join(found)})" if found else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What a job's folder says of its job: all that is needed to run it again."""
+
+    identity: Identity
+    folder: str  # where it was made: scratch files name each other by absolute paths
+    plan: MemoryPlan  # of the first run: units keep their extents
+    options: Mapping[str, Any]  # of the last run: workers, memory, force, paranoid
+
+    @classmethod
+    def read(cls, folder: Path) -> Self | None:
+        """The record in `folder`; None when it holds none."""
+        try:
+            record = json.loads((folder / PLAN_FILE).read_bytes())
+            plan = MemoryPlan(int(record["plan"]["workers"]), int(record["plan"]["worker_memory"]))
+            identity = Identity.from_dict(record["job"])
+            return cls(identity, str(record["folder"]), plan, dict(record["options"]))
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def publish(self) -> None:
+        record = {
+            "job": self.identity.as_dict(),
+            "folder": self.folder,
+            "plan": {"workers": self.plan.workers, "worker_memory": self.plan.worker_memory},
+            "options": dict(self.options),
+        }
+        with publish(Path(self.folder) / PLAN_FILE) as file:
+            file.write(json.dumps(record, sort_keys=True, indent=1).encode())
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,72 +161,81 @@ class JobFolder:
     """The locked folder of a running job."""
 
     path: Path
-    plan: MemoryPlan  # of the job's first run: its units keep their extents when it is resumed
+    plan: MemoryPlan
     workers: int  # of this run
     resumed: bool
 
 
 @contextmanager
 def job_folder(
-    tmp: str | Path, identity: Identity, memory: int, workers: int
+    path: Path, identity: Identity, memory: int, options: Mapping[str, Any], restart: bool = False
 ) -> Iterator[JobFolder]:
-    """Make or find the job's folder under `tmp` and hold it while the job runs.
+    """Make the job's folder, or find it, and hold it while the job runs.
 
     Removed when the job ends, and when it fails for a reason that another run would meet again;
     kept when it was stopped or met an error of ours.
 
-    memory, workers : bytes and processes for this run; a resumed job keeps its first plan, with
-        fewer workers if need be, and starts over where even that does not fit
-    errors : RefusedError of `plan_memory`; UsageError when another process runs the same job
+    memory : bytes for this run; options : what `Record` keeps, `workers` among them. A resumed job
+        keeps its first plan, with fewer workers if need be
+    restart : drop what an earlier run left
+    errors : RefusedError of `plan_memory`; UsageError when another process runs the job, or inputs
+        or settings are not those of the earlier run
     """
-    wanted = plan_memory(memory, workers)
-    path = Path(tmp) / identity.folder_name()
+    wanted = plan_memory(memory, options["workers"])
     with locked_folder(str(path)):
-        earlier = _earlier_plan(path)
-        found = None if earlier is None else _resume(path, earlier, memory, workers)
-        if found is None:
-            _begin(path, identity, wanted)
+        earlier = None if restart else Record.read(path)
+        if earlier is None:
+            _empty(path)
+            plan, workers = wanted, wanted.workers
+        else:
+            _refuse_changes(path, earlier.identity, identity)
+            plan, workers = earlier.plan, _fitting(earlier.plan, memory, options["workers"])
+            identity = earlier.identity  # it may know all of an input, and this run samples
+        Record(identity, str(path), plan, options).publish()
         try:
-            yield found or JobFolder(path, wanted, wanted.workers, resumed=False)
+            yield JobFolder(path, plan, workers, resumed=earlier is not None)
         except StoppedError as error:
-            raise StoppedError(error.said, f"{error.remedy} (scratch: {path})") from error
+            raise StoppedError(error.said, f"{error.remedy} {_ways_on(path)}") from error
         except GstreamError:
-            _remove(path)
+            remove(path)
             raise
-        _remove(path)
+        except Exception as error:
+            error.add_note(_ways_on(path))
+            raise
+        with suppress(OSError):  # the output is there: scratch that cannot be removed is no failure
+            remove(path)
 
 
-def _resume(path: Path, earlier: MemoryPlan, memory: int, workers: int) -> JobFolder | None:
+def _ways_on(path: Path) -> str:
+    return f"(or: gstream resume {path}; to drop it: gstream clean {path})"
+
+
+def _refuse_changes(path: Path, earlier: Identity, now: Identity) -> None:
+    changes = earlier.changes(now)
+    if changes:
+        said = (
+            f"{path}: an earlier run of this job was stopped, and since then {'; '.join(changes)}"
+        )
+        raise UsageError(said, "put that back to resume, or add --restart to start over")
+
+
+def _fitting(earlier: MemoryPlan, memory: int, workers: int) -> int:
+    """How many workers fit whose units are those of the earlier plan."""
     try:
-        now = plan_memory(memory, workers, earlier.worker_memory)
-    except RefusedError:
-        return None
-    return JobFolder(path, earlier, now.workers, resumed=True)
+        return plan_memory(memory, workers, earlier.worker_memory).workers
+    except RefusedError as error:
+        raise RefusedError(error.said, f"{error.remedy}, or --restart to start over") from error
 
 
-def _earlier_plan(path: Path) -> MemoryPlan | None:
-    try:
-        record = json.loads((path / PLAN_FILE).read_bytes())["plan"]
-        return MemoryPlan(int(record["workers"]), int(record["worker_memory"]))
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-
-
-def _begin(path: Path, identity: Identity, plan: MemoryPlan) -> None:
+def _empty(path: Path) -> None:
     for entry in path.iterdir():
         if entry.is_dir():
             shutil.rmtree(entry)
         elif entry.name != LOCK_FILE:
             entry.unlink()
-    record = {
-        "job": identity.as_dict(),
-        "plan": {"workers": plan.workers, "worker_memory": plan.worker_memory},
-    }
-    with publish(path / PLAN_FILE) as file:
-        file.write(json.dumps(record, sort_keys=True, indent=1).encode())
 
 
-def _remove(path: Path) -> None:
+def remove(path: Path) -> None:
     """First out of the way, then away: a half-removed folder must never look like a job's."""
     gone = path.with_name(f"{path.name}.removed")
     shutil.rmtree(gone, ignore_errors=True)

@@ -4,6 +4,7 @@ Knows stages only by their three functions and executors only by `run`; which pr
 work is the business of `local.py`.
 """
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -23,7 +24,7 @@ from gstream.run.progress import (
     in_turn,
     silent,
 )
-from gstream.run.publish import Scratch
+from gstream.run.publish import UNITS_FILE, Scratch
 from gstream.run.usage import MemorySampler, Usage, tree_usage
 
 
@@ -73,11 +74,16 @@ class RunReport:
 
 
 def run_job(
-    job: Job, stages: Sequence[Stage], progress: Progress | None = None, workers: int | None = None
+    job: Job,
+    stages: Sequence[Stage],
+    progress: Progress | None = None,
+    workers: int | None = None,
+    paranoid: bool = False,
 ) -> RunReport:
     """Run `stages` in order over `job`, skipping units that are already done.
 
     workers : processes to use when not `job.workers`, which a resumed job keeps for its plan
+    paranoid : trust what an earlier run has done only after reading it
     errors : StoppedError when stopped by a signal, a full disk or a unit that keeps dying;
         whatever GstreamError a unit raises
     """
@@ -88,7 +94,7 @@ def run_job(
         stack.enter_context(stop_on_signals((f"{job.output}.wip", f"{job.stream}.wip")))
         memory = stack.enter_context(MemorySampler(lambda used, peak: tell(Memory(used, peak))))
         with Workers(count) as pool:
-            running = _Running(job, pool, tell, memory)
+            running = _Running(job, pool, tell, memory, paranoid)
             reports = tuple(running.run(stage) for stage in stages)
     return RunReport(
         output=job.output,
@@ -110,12 +116,15 @@ class _Running:
     pool: Workers
     tell: Progress
     memory: MemorySampler
+    paranoid: bool
 
     def run(self, stage: Stage) -> StageReport:
         started, usage = perf_counter(), tree_usage(os.getpid())
         with disk_errors(self.job, f"stage {stage.NAME}"), Scratch(self.job) as scratch:
             units = stage.plan(self.job)
-            pending = [unit for unit in units if scratch.done(unit) is None]
+            pending = [unit for unit in units if scratch.done(unit, self.paranoid) is None]
+            with scratch.write(f"{stage.NAME}/{UNITS_FILE}") as file:
+                file.write(json.dumps({"units": len(units)}).encode())
         self._begin(stage, units, pending)
         warm_seconds = _warm(stage) if pending else 0.0
         unit_seconds = 0.0

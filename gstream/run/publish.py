@@ -13,11 +13,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Self
+from zlib import crc32
 
 from gstream.errors import StoppedError
 from gstream.job import Job, Unit
 
 BUFFER_BYTES = 1 << 18  # columns of a few KB go to the system by the dozen
+UNITS_FILE = "units.json"  # in a stage's folder: how many units it has, for `gstream status`
+MARKER = ".done"
 
 
 @contextmanager
@@ -133,16 +136,26 @@ class Scratch:
         return (self.folder / name).stat().st_size
 
     def mark_done(self, unit: Unit, counts: Mapping[str, Any], files: tuple[str, ...] = ()) -> None:
-        """Record that `unit` is finished: the lengths of its files and what it counted."""
-        record = {"files": {name: self.size(name) for name in files}, "counts": dict(counts)}
+        """Record that `unit` is finished: lengths and CRCs of its files, and what it counted."""
+        record = {
+            "files": {name: self.size(name) for name in files},
+            "crcs": {name: _crc32(self.folder / name) for name in files},
+            "counts": dict(counts),
+        }
         with _appearing(self._place(_marker(unit)), whole=False) as file:
             file.write(json.dumps(record, sort_keys=True).encode())
 
-    def done(self, unit: Unit) -> dict[str, Any] | None:
-        """The counts of a finished unit; None when not done, or a file of it is missing or cut."""
+    def done(self, unit: Unit, paranoid: bool = False) -> dict[str, Any] | None:
+        """The counts of a finished unit; None when not done, or a file of it is missing or cut.
+
+        paranoid : read the files, and take a CRC that differs for not done as well
+        """
         try:
             record = json.loads(self.read(_marker(unit)))
             whole = all(self.size(name) == length for name, length in record["files"].items())
+            if whole and paranoid:
+                crcs = record["crcs"].items()
+                whole = all(_crc32(self.folder / name) == crc for name, crc in crcs)
         except (FileNotFoundError, ValueError):
             return None
         return dict(record["counts"]) if whole else None
@@ -157,5 +170,13 @@ class Scratch:
         return [count for _, count in counts if count is not None]
 
 
+def _crc32(path: Path) -> int:
+    crc = 0
+    with open(path, "rb", buffering=0) as file:
+        while piece := file.read(BUFFER_BYTES):
+            crc = crc32(piece, crc)
+    return crc
+
+
 def _marker(unit: Unit) -> str:
-    return f"{unit.stage}/{unit.name}.done"
+    return f"{unit.stage}/{unit.name}{MARKER}"

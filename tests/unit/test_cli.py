@@ -20,7 +20,8 @@ from gstream.errors import (
 from gstream.run.local import UnitError
 from gstream.run.progress import Event, Note, StageBegins, StageEnds, UnitDone
 from gstream_cli import main, options
-from gstream_cli.progress import Bars, Blocks, Lines, clock
+from gstream_cli.pace import clock
+from gstream_cli.progress import Bars, Blocks, Lines
 
 
 def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -238,6 +239,7 @@ class Clock:
 def clock_by_hand(monkeypatch):
     hand = Clock()
     monkeypatch.setattr("gstream_cli.progress.time", hand)
+    monkeypatch.setattr("gstream_cli.pace.time", hand)
     return hand
 
 

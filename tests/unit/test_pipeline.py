@@ -62,6 +62,16 @@ def test_a_second_run_repeats_only_units_whose_files_are_gone(tmp_path):
     assert report.stages[0].resumed == 4
 
 
+def test_a_paranoid_run_repeats_units_whose_files_have_other_bytes(tmp_path):
+    job = toy_job(tmp_path)
+    run_job(job, [toy_stage])
+    (tmp_path / "scratch/toy/u3.txt").write_text("7")
+    assert run_job(job, [toy_stage]).stages[0].resumed == 6
+    assert (tmp_path / "out.txt").read_text() == "[0, 1, 4, 7, 16, 25]"
+    assert run_job(job, [toy_stage], paranoid=True).stages[0].resumed == 5
+    assert (tmp_path / "out.txt").read_text() == "[0, 1, 4, 9, 16, 25]"
+
+
 def test_progress_hears_of_every_unit_and_only_pending_cost(tmp_path):
     run_job(toy_job(tmp_path, units=2), [toy_stage])
     told: list[Event] = []

@@ -1,5 +1,6 @@
 """Names appear whole or not at all; a unit is done only while its files are."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,19 @@ def test_a_unit_is_done_while_its_files_have_their_lengths(tmp_path):
         assert scratch.done(UNIT) is None
         scratch.path("a").unlink()
         assert scratch.done(UNIT) is None
+
+
+def test_a_unit_whose_file_has_other_bytes_is_done_only_for_who_does_not_read_it(tmp_path):
+    with Scratch(job_in(tmp_path)) as scratch:
+        with scratch.write("a") as file:
+            file.write(b"123456789")
+        scratch.mark_done(UNIT, {}, ("a",))
+        marker = json.loads((tmp_path / "stage/u0.done").read_text())
+        assert marker["crcs"] == {"a": 0xCBF43926}  # the check value of CRC-32
+        assert scratch.done(UNIT, paranoid=True) == {}
+        scratch.path("a").write_bytes(b"123456780")
+        assert scratch.done(UNIT) == {}
+        assert scratch.done(UNIT, paranoid=True) is None
 
 
 def test_a_damaged_marker_means_not_done(tmp_path):
