@@ -68,8 +68,8 @@ def several_sources() -> StreamBytes:
 def most_parts() -> StreamBytes:
     """32 descriptors, and 32 parts in the chunk: indices, positions and what is private."""
     names = (f"p{id_} ".ljust(24, "x").encode() for id_ in PRIVATE)
-    own = tuple((id_, 3, 255, name) for id_, name in zip(PRIVATE, names, strict=True))
-    parts = (*FAN_CHUNK.parts[:3], *(PartBytes(id_, 0, b"%d" % id_, 9) for id_ in PRIVATE))
+    own = tuple((id_, 1, 1, name) for id_, name in zip(PRIVATE, names, strict=True))
+    parts = (*FAN_CHUNK.parts[:3], *(PartBytes(id_, 0, b"%d" % id_) for id_ in PRIVATE))
     return StreamBytes(
         (replace(FAN_CHUNK, parts=parts),), (POSITION, NORMAL, *own, COLOUR), b'{"up":null}',
         (counters(6, 4, 2, 1),), (FAN_BOX[:3], FAN_BOX[3:]),

@@ -94,8 +94,7 @@ def _read_stream(path: Path, filters: ModuleType) -> str:
     stream = StreamReader(path, filters)
     digest = 0
     for index in range(len(stream.chunks)):
-        chunk = stream.chunk(index)
-        for values in (chunk.positions, chunk.triangles, chunk.normals, chunk.colours):
+        for _, values in sorted(stream.parts(index).items()):
             digest = _sum(values, digest)
     return f"read {digest:08x}"
 
