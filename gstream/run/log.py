@@ -27,7 +27,7 @@ class Log:
         self.failure: str | None = None  # why nothing more was written
         self._sampled_at = float("-inf")
         try:
-            self._file = open(path, "a", encoding="utf-8", buffering=1)  # noqa: SIM115  __exit__
+            self._file = open(path, "ab", buffering=0)  # noqa: SIM115  __exit__
         except OSError as error:
             said = f"{path}: cannot be written: {os.strerror(error.errno or 0)}"
             raise UsageError(said, "give another file for --log") from error
@@ -49,8 +49,9 @@ class Log:
         fields = asdict(event)
         fields |= fields.pop("usage", {})
         moment = datetime.now(UTC).isoformat(timespec="milliseconds")
+        line = json.dumps({"event": event.NAME, "time": moment, **fields})
         if self.failure is None:
             try:
-                self._file.write(json.dumps({"event": event.NAME, "time": moment, **fields}) + "\n")
+                self._file.write(line.encode() + b"\n")
             except OSError as error:
                 self.failure = os.strerror(error.errno or 0)
