@@ -13,7 +13,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from gstream.grid import Box, Grid
+from gstream.grid import Box, Grid, grid_of
+from gstream.job import VoxelizeSettings
 
 SCENE = "scene.json"
 SEGMENTS = "segments.npy"
@@ -80,3 +81,14 @@ class Scene:
             box=(tuple(low), tuple(high)),
             **record,
         )
+
+
+def grid_of_stream(box: Box, metadata: Mapping[str, Any], settings: VoxelizeSettings) -> Grid:
+    """The grid of a stream: its declared bounds, or else the box of its vertices.
+
+    errors : UsageError as of grid_of
+    """
+    bounds = metadata.get("bounds")
+    corners = (tuple(bounds[:3]), tuple(bounds[3:])) if bounds else None
+    size = settings.voxel_size
+    return grid_of(settings.resolution, size, box, corners, settings.snap_bits)

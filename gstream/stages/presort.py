@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from gstream.errors import UsageError
 from gstream.formats import cells
-from gstream.formats.cells import SCENE, SEGMENT, SEGMENTS, Scene
+from gstream.formats.cells import SCENE, SEGMENT, SEGMENTS, Scene, grid_of_stream
 from gstream.formats.stream import StreamReader
 from gstream.formats.stream_chunk import DOMAIN_VERTEX, Chunk
 from gstream.formats.stream_parts import warm_filters
-from gstream.grid import grid_of
 from gstream.job import Job, Summary, Unit
 from gstream.kernels import indexing as fast
 from gstream.kernels.presort import (
@@ -68,12 +67,9 @@ def _scene(job: Job, reader: StreamReader) -> Scene:
         raise UsageError(
             f"{job.stream} has no normals", "leave out --normals input, or ingest a file with them"
         )
-    metadata = dict(reader.metadata)
-    bounds = metadata.pop("bounds", None)
-    corners = (tuple(bounds[:3]), tuple(bounds[3:])) if bounds else None
     low, high = reader.box
     box = ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
-    grid = grid_of(settings.resolution, settings.voxel_size, box, corners, settings.snap_bits)
+    grid = grid_of_stream(box, reader.metadata, settings)
     cell = max(settings.cell, settings.block, -(-grid.resolution // 256))
     return Scene(
         grid=grid,
@@ -81,7 +77,7 @@ def _scene(job: Job, reader: StreamReader) -> Scene:
         colours="colour" in names,
         normals=settings.normals == "input",
         box=box,
-        metadata=metadata,
+        metadata={k: v for k, v in reader.metadata.items() if k != "bounds"},
         counts={},
     )
 

@@ -1,0 +1,80 @@
+"""What a stream will take on disk, told from its chunk table and a sample of its triangles.
+
+A plane of unit normal n has max |n| voxels per voxel face of area where voxels are 6-separating,
+and |x| + |y| + |z| where they are all that it meets; so has any mesh whose folds are not much finer
+than its voxels. Measured: 0.5 % too many on three scans, 4 to 6 % on a sphere with white noise.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream.formats.cells import grid_of_stream
+from gstream.formats.stream import StreamReader
+from gstream.formats.stream_chunk import Chunk
+from gstream.job import VoxelizeSettings
+from gstream.kernels import indexing
+from gstream.run.budget import DiskNeed
+
+SAMPLED_CHUNKS: Final = 16  # 20 ms each
+# Bytes of file per voxel of level 0, all levels and columns: five scans and a noisy sphere have 4.0
+# to 5.3 where voxels are 6-separating, four of them 3.4 to 4.5 where they are not.
+FILE_BYTES: Final = {"6": 4.7, "26": 3.9, "conservative": 3.9}
+COLOUR_BYTES: Final = 2.2  # of a photograph; a block of one colour stores none
+PILES: Final = (
+    1.07  # of the file's bytes: the same payloads with their rows, and weights for levels
+)
+INDEX_BYTES, VERTEX_BYTES, CORNER_BYTES, WORD_BYTES = 6, 8, 36, 12  # formats/cells.py
+CELL_BORDERS: Final = 1.04  # vertices that several segments of one unit have
+
+
+def disk_of_stream(path: str, settings: VoxelizeSettings) -> DiskNeed:
+    """Scratch and output of voxelizing a stream.
+
+    errors : CorruptFileError, UnsupportedError of the stream; UsageError of a grid that cannot be
+    """
+    reader = StreamReader(path, indexing)
+    if reader.box is None:
+        return DiskNeed(0, 0)
+    low, high = reader.box
+    box = ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+    grid = grid_of_stream(box, reader.metadata, settings)
+    cell = max(settings.cell, settings.block, -(-grid.resolution // 256))
+    faces = references = large = 0.0
+    triangles = varied = 0
+    for chunk in _sample(reader):
+        points: NDArray[Any] = chunk.positions.astype(np.float64)
+        corners = points.reshape(-1, 3, 3) if chunk.triangles is None else points[chunk.triangles]
+        corners = (corners - np.array(grid.origin)) / grid.voxel_size
+        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        seen = np.abs(np.cross(first, second)) / 2  # area along each axis
+        faces += float((seen.max(axis=1) if settings.sep == "6" else seen.sum(axis=1)).sum())
+        extent = corners.max(axis=1) - corners.min(axis=1)
+        small = (extent < cell / 2).all(axis=1)
+        references += float((1 + extent[small] / cell).prod(axis=1).sum())
+        large += float((1 + extent[~small] / cell).prod(axis=1).sum())
+        triangles += len(corners)
+        if chunk.colours is not None and (chunk.colours != chunk.colours[0]).any():
+            varied += len(corners)
+    rows = reader.chunks
+    total = int(rows["triangles"].sum(dtype=np.int64))
+    share = total / max(triangles, 1)
+    shared = int(rows["vertices"].sum(dtype=np.int64)) / max(total, 1) * CELL_BORDERS
+    coloured = any(attribute.name == "colour" for attribute in reader.attributes)
+    words = WORD_BYTES * (coloured + 2 * (settings.normals == "input"))
+    presorted = references * (INDEX_BYTES + VERTEX_BYTES * shared + words)
+    presorted += large * (CORNER_BYTES + words)
+    per_voxel = FILE_BYTES[settings.sep] + COLOUR_BYTES * varied / max(triangles, 1)
+    output = faces * share * per_voxel
+    return DiskNeed(scratch=int(presorted * share + PILES * output), output=int(output))
+
+
+def _sample(reader: StreamReader) -> Iterator[Chunk]:
+    """Up to SAMPLED_CHUNKS chunks, evenly spread over the stream."""
+    count = len(reader.chunks)
+    for number in np.unique(np.linspace(0, count - 1, min(count, SAMPLED_CHUNKS)).astype(int)):
+        chunk = reader.chunk(int(number), ("colour",))
+        if chunk.triangle_count:
+            yield chunk
