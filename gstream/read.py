@@ -19,7 +19,7 @@ from gstream.errors import CorruptFileError, StoppedError, UnsupportedError, Usa
 from gstream.formats.arithmetic import Arithmetic, Choice, plain
 from gstream.formats.blockhead import BlockFileHeader, Head, parse_head
 from gstream.formats.columns import COLUMN_IDS, ColumnSpec, Record, decode_column, octree_masks
-from gstream.formats.directory import MAX_HEAD_BYTES, STATE_DATA, stacked
+from gstream.formats.directory import MAX_HEAD_BYTES, STATE_DATA, merged_runs
 from gstream.formats.framing import crc32
 from gstream.formats.morton import decode_morton, decode_one, encode_morton
 from gstream.formats.pages import Directory
@@ -74,6 +74,7 @@ class BlockFile:
         if size is not None and size != self.head.file_bytes:
             said = f"the file has {size} bytes, not {self.head.file_bytes}: truncated"
             raise CorruptFileError("GSB-0102", self.path, min(size, self.head.file_bytes), said)
+        self._ahead: list[tuple[int, int]] = []  # byte ranges that an iteration will come to
         self.specs: dict[str, ColumnSpec] = {c.name: c for c in self.head.columns}
         self.directory = Directory(self.head, self.read_range, self.path, self.refuse_changed)
 
@@ -155,20 +156,16 @@ class BlockFile:
         self._ranges.keep(self.head.head_bytes, self.head.opening_bytes)
 
     def read_payload(self, entry: Any, offset: int, length: int) -> bytes:
-        """Stored bytes of a block's column; from afar, with all columns of the block's siblings."""
+        """Stored bytes of a block's column; from afar, in a run with others that will be wanted."""
         if self._ranges.distant and length and not self._ranges.holds(offset, length):
-            self._load_siblings(entry)
+            around = [run for run in self._ahead if run[0] <= offset and offset + length <= run[1]]
+            if not around:
+                rows = self.directory.siblings(int(entry["level"]), int(entry["key"]))
+                around = merged_runs(rows, self.head.columns)
+            begin, end = around[0]
+            if end - begin <= RUN_BYTES:  # more than siblings take: they lie apart, as in no file
+                self._ranges.keep(begin, end - begin)
         return self.read_range(offset, length)
-
-    def _load_siblings(self, entry: Any) -> None:
-        rows = self.directory.siblings(int(entry["level"]), int(entry["key"]))
-        stored = stacked(rows, self.head.columns, "stored")
-        there = stored > 0
-        offsets = stacked(rows, self.head.columns, "offset")[there]
-        begin, length = int(offsets.min()), int(stored.sum(dtype=np.int64))
-        # Siblings lie side by side (GSB-0312); where they do not, columns are read one by one.
-        if length <= RUN_BYTES and int((offsets + stored[there]).max()) == begin + length:
-            self._ranges.keep(begin, length)
 
     def refuse_changed(self) -> None:
         """Read the head's identity again, where a CRC fails: StoppedError if it is another one."""
@@ -192,6 +189,8 @@ class BlockFile:
             here = (entries["level"] == level) & (entries["state"] == STATE_DATA)
             here &= (corner + entries["high"] >= first).all(axis=1)
             here &= (corner + entries["low"] <= last).all(axis=1)
+            if self._ranges.distant:
+                self._ahead = merged_runs(entries[here], self.head.columns)
             for entry in entries[here]:
                 yield BlockView(self, entry)
 

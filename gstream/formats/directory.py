@@ -6,6 +6,7 @@ spec/blockfile.md, sections 4 to 6.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +23,8 @@ OPENING_BYTES: Final = 4 << 20  # what the opening run should not exceed
 ENTRY_BYTES: Final = 24  # without its column records
 RECORD_BYTES: Final = 32  # of every table row in the file: column record, page, level, section
 PAGE_ENTRIES: Final = 1024
+MERGED_GAP: Final = 64 << 10  # a request costs more than so many bytes
+MERGED_BYTES: Final = 1 << 20
 MAX_COLUMNS: Final = 16
 MAX_NAME_BYTES: Final = 24
 STATE_EMPTY: Final = 0
@@ -206,3 +209,26 @@ def check_page_table(
     first, last = np.uint64(body[0]), np.uint64(body[1])
     if (offset < first).any() or (offset > last).any() or (length > last - offset).any():
         raise CorruptFileError("GSB-0206", path, at, "a page record points outside the body")
+
+
+def merged_runs(rows: Rows, columns: Sequence[ColumnSpec]) -> list[tuple[int, int]]:
+    """Byte ranges (begin, end) that hold all payloads of some rows in directory order.
+
+    Whole sibling groups; neighbours share a range of up to MERGED_BYTES, across up to MERGED_GAP
+    bytes that nobody asked for (spec, section 2).
+    """
+    stored, offsets = stacked(rows, columns, "stored"), stacked(rows, columns, "offset")
+    runs: list[tuple[int, int]] = []
+    for first, last in pairwise(group_starts(rows).tolist()):
+        there = stored[first:last] > 0
+        if not there.any():
+            continue
+        begin = int(offsets[first:last][there].min())
+        end = int((offsets[first:last] + stored[first:last])[there].max())
+        if runs:
+            before, behind = runs[-1]
+            if before <= begin <= behind + MERGED_GAP and end - before <= MERGED_BYTES:
+                runs[-1] = (before, max(behind, end))
+                continue
+        runs.append((begin, end))
+    return runs

@@ -77,6 +77,15 @@ def test_siblings_cost_one_request_and_all_requests_are_ranges():
         assert site.sent < len(LARGE) + 65_536
 
 
+def test_a_whole_level_costs_a_request_per_mebibyte_and_page():
+    with serving(LARGE) as site, gstream.open(site.url) as file:
+        pages = len(file.directory.pages_of(0))
+        for view in file.blocks(0):
+            view.words()
+        assert len(site.requests) <= 2 + 2 * pages + len(LARGE) // (1 << 20)
+        assert site.sent < len(LARGE) + 65_536
+
+
 def test_one_block_of_a_large_file_leaves_most_of_it_where_it_is():
     with serving(LARGE) as site, gstream.open(site.url) as file:
         file.block(0, some_place(0)).words()
