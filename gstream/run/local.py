@@ -24,7 +24,7 @@ from typing import Protocol, Self
 
 from gstream.errors import GstreamError, StoppedError, UsageError
 from gstream.job import Job, Unit
-from gstream.run.schedule import ATTEMPTS, Died, Done, Event, GiveUp, Ready, Schedule
+from gstream.run.schedule import ATTEMPTS, Died, Done, Event, Ready, Schedule
 
 LOCK_FILE = "lock"
 RESUME = "run the same command again to resume"
@@ -162,15 +162,24 @@ class Workers:
             worker.kill()  # a unit is idempotent and names appear by rename: nothing to wait for
         self._workers.clear()
 
-    def run(self, stage: WorkingStage, job: Job, units: Sequence[Unit], done: Finished) -> None:
+    def run(
+        self, stage: WorkingStage, job: Job, units: Sequence[Unit], done: Finished, lone: bool
+    ) -> None:
         """Run every unit; `done` is called in this process after each.
 
-        errors : the first GstreamError of a unit; StoppedError for one that keeps killing workers
+        lone : the stage has no other unit: it is not worth 2 s of starting a worker. One that an
+            earlier run has left over is, as it may be what that run died of
+        errors : the first GstreamError of a unit; StoppedError, when all others are done, for those
+            that keep killing their worker
         """
         wanted = min(self._count, len(units))
-        if wanted == 0 or (wanted == 1 and not self._workers):
-            _run_here(stage, job, units, done)  # a lone unit is not worth 2 s of starting a worker
+        if wanted == 0 or (lone and not self._workers):
+            _run_here(stage, job, units, done)
             return
+        for index, worker in enumerate(self._workers):
+            if worker.process.poll() is not None:
+                worker.kill()
+                self._workers[index] = Worker()
         while len(self._workers) < wanted:
             self._workers.append(Worker())
         _Round(self._workers, stage, job, units, done).play()
@@ -198,14 +207,17 @@ class _Round:
         self._workers, self._units, self._done = workers, units, done
         self._stage, self._job = stage.__name__, job
         self._schedule = Schedule(units, len(workers))
+        self._ends: dict[int, int] = {}  # how the last worker of a unit ended, of those that died
 
     def play(self) -> None:
         for index in range(len(self._workers)):
             self._tell(Ready(index))
         while not self._schedule.finished:
-            ready = wait([worker.pipe for worker in self._workers])
+            ready = wait([worker.pipe for worker in self._workers if not worker.pipe.closed])
             for index in [i for i, worker in enumerate(self._workers) if worker.pipe in ready]:
                 self._hear(index)
+        if self._schedule.quarantined:
+            raise self._left_out()
 
     def _hear(self, index: int) -> None:
         """Take in what worker `index` has sent: an outcome, or the end of its pipe."""
@@ -222,27 +234,37 @@ class _Round:
             self._done(self._units[unit], seconds)
 
     def _replace(self, index: int) -> None:
-        dead = self._workers[index]
+        """Bury worker `index`; one that died idle is replaced when a stage needs it again."""
+        dead, unit = self._workers[index], self._schedule.running(index)
         dead.kill()
-        self._workers[index] = Worker()
-        self._tell(Died(index), dead.process.returncode)
-        self._tell(Ready(index))
+        self._tell(Died(index))
+        if unit is not None:
+            self._ends[unit] = dead.process.returncode
+            self._workers[index] = Worker()
+            self._tell(Ready(index))
 
-    def _tell(self, event: Event, status: int = 0) -> None:
-        for decision in self._schedule.handle(event):
-            unit = self._units[decision.unit]
-            if isinstance(decision, GiveUp):
-                raise _given_up(unit, status)
+    def _tell(self, event: Event) -> None:
+        for run in self._schedule.handle(event):
             # A worker that has died by now is noticed by `wait`, not here.
             with contextlib.suppress(BrokenPipeError):
-                self._workers[decision.worker].pipe.send((self._stage, self._job, unit))
+                message = (self._stage, self._job, self._units[run.unit])
+                self._workers[run.worker].pipe.send(message)
+
+    def _left_out(self) -> StoppedError:
+        """What to say of the units that are quarantined."""
+        poison = [(self._units[unit], self._ends[unit]) for unit in self._schedule.quarantined]
+        names = ", ".join(f"{unit.name} (by {_cause(status)})" for unit, status in poison)
+        said = (
+            f"stage {poison[0][0].stage}: each of these units has killed {ATTEMPTS} workers and is "
+            f"left out: {names}"
+        )
+        killed = any(status == -signal.SIGKILL for _, status in poison)
+        hint = "out of memory? give fewer --workers, " if killed else ""
+        return StoppedError(said, f"{hint}{RESUME}")
 
 
-def _given_up(unit: Unit, status: int) -> StoppedError:
-    cause = f"signal {-status}" if status < 0 else f"status {status}"
-    hint = "out of memory? give fewer --workers, " if status == -signal.SIGKILL else ""
-    said = f"stage {unit.stage}, unit {unit.name}: its worker died {ATTEMPTS} times ({cause})"
-    return StoppedError(said, f"{hint}{RESUME}")
+def _cause(status: int) -> str:
+    return f"signal {-status}" if status < 0 else f"exit status {status}"
 
 
 # --- locks --------------------------------------------------------------------------------------

@@ -134,7 +134,7 @@ class _Running:
             unit_seconds += seconds
             self.tell(UnitDone(stage.NAME, unit.cost, seconds, unit.name))
 
-        self.pool.run(stage, self.job, pending, done)
+        self.pool.run(stage, self.job, pending, done, lone=len(units) == 1)
         with disk_errors(self.job, f"stage {stage.NAME}"):
             summary = stage.finish(self.job)
         report = StageReport(

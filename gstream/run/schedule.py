@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from gstream.job import Unit
 
 ATTEMPTS = 3  # the first death of a unit's worker may be a neighbour's fault
+MOST_QUARANTINED = 16  # beyond that it is no unit's fault, and each costs three workers of 2 s
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,19 +44,15 @@ class Run:
     unit: int
 
 
-@dataclass(frozen=True, slots=True)
-class GiveUp:
-    """`unit` has lost its worker ATTEMPTS times: the stage cannot be finished."""
-
-    unit: int
-
-
 Event = Ready | Done | Died
-Decision = Run | GiveUp
 
 
 class Schedule:
-    """The queues of one stage; `handle` each event and carry out what it returns."""
+    """The queues of one stage; `handle` each event and carry out what it returns.
+
+    A unit whose workers died ATTEMPTS times is quarantined: not handed out again, while the rest
+    goes on. After MOST_QUARANTINED of them nothing more is begun.
+    """
 
     def __init__(self, units: Sequence[Unit], workers: int) -> None:
         self._units = units
@@ -64,28 +61,28 @@ class Schedule:
         self._running: dict[int, int] = {}
         self._idle: set[int] = set()
         self._deaths: dict[int, int] = {}
-        self._unfinished = len(units)
+        self.quarantined: list[int] = []
 
     @property
     def finished(self) -> bool:
-        return self._unfinished == 0
+        """Whether no unit is running or waiting."""
+        return not self._running and not any(self._queues)
 
     def running(self, worker: int) -> int | None:
         """The unit that `worker` holds, None when it holds none."""
         return self._running.get(worker)
 
-    def handle(self, event: Event) -> list[Decision]:
+    def handle(self, event: Event) -> list[Run]:
         match event:
             case Ready(worker):
                 return self._feed(worker)
             case Done(worker):
                 del self._running[worker]
-                self._unfinished -= 1
                 return self._feed(worker)
             case Died(worker):
                 return self._bury(worker)
 
-    def _feed(self, worker: int) -> list[Decision]:
+    def _feed(self, worker: int) -> list[Run]:
         unit = self._take(worker)
         if unit is None:
             self._idle.add(worker)
@@ -107,14 +104,18 @@ class Schedule:
         self._left[queue] -= self._units[unit].cost
         return unit
 
-    def _bury(self, worker: int) -> list[Decision]:
+    def _bury(self, worker: int) -> list[Run]:
         self._idle.discard(worker)
         unit = self._running.pop(worker, None)
         if unit is None:
             return []
         self._deaths[unit] = self._deaths.get(unit, 0) + 1
-        if self._deaths[unit] >= ATTEMPTS:
-            return [GiveUp(unit)]
+        if self._deaths[unit] == ATTEMPTS:
+            self.quarantined.append(unit)
+            if len(self.quarantined) == MOST_QUARANTINED:
+                for queue in self._queues:
+                    queue.clear()
+            return []
         self._queues[worker].appendleft(unit)
         self._left[worker] += self._units[unit].cost
         return self._feed(min(self._idle)) if self._idle else []

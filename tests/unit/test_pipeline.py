@@ -110,9 +110,32 @@ def test_a_worker_that_dies_once_is_replaced(tmp_path):
     assert (tmp_path / "out.txt").read_text() == "[0, 1, 4, 9, 16, 25]"
 
 
-def test_a_unit_that_kills_three_workers_stops_the_job(tmp_path):
-    with pytest.raises(StoppedError, match=r"stage toy, unit u1: its worker died 3 times \(signal"):
-        run_job(toy_job(tmp_path, how="die", workers=2), [toy_stage])
+LEFT_OUT = (
+    r"stage toy: each of these units has killed 3 workers and is left out: u1 \(by signal 9\);"
+)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_unit_that_kills_three_workers_is_named_when_all_others_are_done(tmp_path, workers):
+    with pytest.raises(StoppedError, match=LEFT_OUT):
+        run_job(toy_job(tmp_path, how="die", workers=workers), [toy_stage])
+    assert sorted(calls(tmp_path)) == ["u0", "u2", "u3", "u4", "u5"]
+    assert not (tmp_path / "out.txt").exists()
+
+
+def test_a_rerun_tries_the_unit_that_was_left_out_alone_and_outlives_it(tmp_path):
+    for _ in range(2):
+        with pytest.raises(StoppedError, match=LEFT_OUT):
+            run_job(toy_job(tmp_path, how="die", workers=2), [toy_stage])
+    run_job(toy_job(tmp_path, how="ok", workers=2), [toy_stage])
+    assert calls(tmp_path)[5:] == ["u1"]
+    assert (tmp_path / "out.txt").read_text() == "[0, 1, 4, 9, 16, 25]"
+
+
+def test_workers_that_die_of_every_unit_end_the_job_before_all_units_are_tried(tmp_path):
+    with pytest.raises(StoppedError, match="left out") as stopped:
+        run_job(toy_job(tmp_path, units=40, how="die-all", workers=2), [toy_stage])
+    assert 16 <= str(stopped.value).count("by signal 9") <= 17
 
 
 def test_a_job_in_a_thread_leaves_signals_alone(tmp_path):

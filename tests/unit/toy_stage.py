@@ -1,7 +1,7 @@
 """A stage for tests of the pipeline: squares numbers, and fails the way its settings' inputs say.
 
-job.ingest.inputs: how many units, then what happens in unit 1: "ok", "die" (every time),
-"die-once", "input" (an InputError), "bug", "full" (disk), "sleep", or "stuck" in C.
+job.ingest.inputs: how many units, then what happens in unit 1: "ok", "die" (every time; "die-all":
+in all units), "die-once", "input" (an InputError), "bug", "full" (disk), "sleep", or "stuck" in C.
 """
 
 import errno
@@ -27,7 +27,7 @@ def plan(job: Job) -> list[Unit]:
 def work(job: Job, unit: Unit) -> None:
     assert job.ingest is not None
     number = unit.data[0]
-    if number == 1:
+    if number == 1 or job.ingest.inputs[1] == "die-all":
         _misbehave(job.ingest.inputs[1], Path(job.folder))
     with Scratch(job) as scratch, scratch.write(f"{NAME}/{unit.name}.txt") as file:
         file.write(str(number * number).encode())
@@ -46,7 +46,7 @@ def finish(job: Job) -> Summary:
 
 def _misbehave(how: str, folder: Path) -> None:
     died = folder / "died"
-    if how == "die" or (how == "die-once" and not died.exists()):
+    if how in ("die", "die-all") or (how == "die-once" and not died.exists()):
         died.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     if how == "input":
