@@ -1,10 +1,12 @@
 """The installed program, run the way a user runs it."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 PROGRAM = Path(sys.executable).with_name("gstream")
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "TMPDIR"}
 
 
 def gstream(
@@ -13,7 +15,13 @@ def gstream(
     """Run `gstream` in `folder`; a time-out is a hang, not a measurement."""
     command = [str(PROGRAM), *map(str, arguments)]
     return subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=timeout, check=False
+        command,
+        cwd=folder,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
     )
 
 
