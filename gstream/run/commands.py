@@ -99,7 +99,11 @@ class Request:
         if self.ingest is not None:
             needs.append(disk_of_ingest(tuple(map(_size_and_spill, self.inputs))))
             stream = needs[0].output
-        if self.voxelize is not None:
+        if self.voxelize is not None and self.stages == VOXELIZE:
+            from gstream.run.estimate import disk_of_stream  # numba with it: not for --help
+
+            needs.append(disk_of_stream(self.inputs[0], self.voxelize))
+        elif self.voxelize is not None:
             needs.append(disk_of_voxelize(stream, self.voxelize.resolution or 0))
         return tuple(needs)
 
@@ -123,8 +127,9 @@ class Request:
         return report
 
     def _run(self, tell: Progress) -> RunReport:
-        tell(Note(f"disk: {self._expected_disk()}"))
-        self._check_disk()
+        needs = self.disk()
+        tell(Note(f"disk: {_expected(needs)}"))
+        self._check_disk(needs)
         output = os.path.abspath(self.output)
         place = Job(str(self.folder), output, self._stream())
         options = {
@@ -166,16 +171,11 @@ class Request:
             f"{_mib(plan.worker_memory)} for each unit"
         )
         yield f"scratch  {self.folder}"
-        yield f"disk     {self._expected_disk()}"
-        self._check_disk()
-
-    def _expected_disk(self) -> str:
         needs = self.disk()
-        scratch, output = sum(n.scratch for n in needs), needs[-1].output if needs else 0
-        return f"about {_mib(scratch)} of scratch, {_mib(output)} of output, or more"
+        yield f"disk     {_expected(needs)}"
+        self._check_disk(needs)
 
-    def _check_disk(self) -> None:
-        needs = self.disk()
+    def _check_disk(self, needs: Sequence[DiskNeed]) -> None:
         output = os.path.dirname(os.path.abspath(self.output))
         scratch = sum(n.scratch for n in needs) + sum(n.output for n in needs[:-1])
         held = size_of(self.folder)  # by an earlier run of the job
@@ -364,6 +364,11 @@ def _size_and_spill(path: str) -> tuple[int, bool]:
     with open(path, "rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     return os.path.getsize(path), packed or Path(path).suffix.lower() in (".obj", ".off")
+
+
+def _expected(needs: Sequence[DiskNeed]) -> str:
+    scratch, output = sum(n.scratch for n in needs), needs[-1].output if needs else 0
+    return f"about {_mib(scratch)} of scratch, {_mib(output)} of output"
 
 
 def _count(workers: int) -> str:
