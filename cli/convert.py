@@ -1,6 +1,7 @@
 """Commands that run a job: ingest, voxelize, build, simplify."""
 
 import json
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -124,6 +125,9 @@ def run(request: Request, values: dict[str, Any]) -> None:
         for line in request.describe():
             click.echo(line)
         return
+    if values["report"]:
+        folder = os.path.dirname(os.path.abspath(values["report"]))
+        commands.check_folder(folder, "the report's folder")
     with _logged(values["log"]) as log, watch(values["quiet"]) as shown:
 
         def tell(event: Event) -> None:

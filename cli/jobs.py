@@ -49,7 +49,7 @@ def resume(job: Path, **values: Any) -> None:
     gstream resume gstream-0123456789abcdef
     gstream resume gstream-0123456789abcdef --workers 1 --memory 8GiB
     """
-    names = ("workers", "memory", "paranoid")
+    names = ("workers", "memory", "force", "paranoid")
     changes = {name: values[name] for name in names if values[name] is not None}
     run(commands.resume(job, changes), values)
 

@@ -47,7 +47,7 @@ class LazyGroup(click.Group):
 @click.group(
     cls=LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Exit codes: 0 done, 1 our error, 2 usage, 3 stopped (run again to resume), "
+    epilog="Exit codes: 0 done, 1 our error, 2 usage, 3 stopped (run again, or `gstream resume`), "
     "4 invalid input, 5 refused (memory, disk), 6 unsupported, 7 different (diff).",
 )
 @click.version_option(__version__, prog_name="gstream", message="%(prog)s %(version)s")

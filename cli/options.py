@@ -102,6 +102,7 @@ PARANOID = (
     "Resume only after reading all of every input and of what an earlier run has done, not samples "
     "and lengths."
 )
+force = partial(click.option, "--force", is_flag=True, help="Replace the output if it exists.")
 watching = stack(
     click.option("--report", metavar="FILE", help="Write the report as JSON."),
     click.option(
@@ -122,7 +123,7 @@ running = stack(
         help="Folder for scratch files.  [default: $TMPDIR, else the output's folder]",
     ),
     click.option("--dry-run", is_flag=True, help="Print the plan and estimates; write nothing."),
-    click.option("--force", is_flag=True, help="Replace the output if it exists."),
+    force(),
     click.option(
         "--restart",
         is_flag=True,
@@ -135,6 +136,7 @@ running = stack(
 resuming = stack(
     workers,
     memory(default=None),
+    force(default=None),
     click.option("--paranoid", is_flag=True, default=None, help=PARANOID),
     watching,
 )

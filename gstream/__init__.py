@@ -30,6 +30,7 @@ def build(
     memory: int = 2 << 30,
     tmp: str | None = None,
     force: bool = False,
+    restart: bool = False,
     progress: Progress | None = None,
     **voxelize: Any,
 ) -> RunReport:
@@ -41,6 +42,9 @@ def build(
         cell
     workers : processes, 0 = this one, None = one per processor
     memory : bytes for all processes together
+    tmp : folder for scratch; None = $TMPDIR, else the output's folder
+    restart : drop what an earlier, stopped run for this output has done
+    progress : called with each event of the job (gstream.run.progress), from any thread
     errors : GstreamError, as the command line has them (gstream.errors)
     """
     import os
@@ -53,7 +57,7 @@ def build(
         IngestSettings(inputs=tuple(os.fspath(path) for path in paths), **dict(ingest or {})),
         VoxelizeSettings(**voxelize),
         os.fspath(output),
-        commands.RunOptions(workers=workers, memory=memory, tmp=tmp, force=force),
+        commands.RunOptions(workers=workers, memory=memory, tmp=tmp, force=force, restart=restart),
     )
     return request.run(progress)
 

@@ -315,7 +315,7 @@ def check_paths(inputs: Sequence[str], output: str, options: RunOptions) -> None
     for path in inputs:
         _check_input(path, output)
     _check_output(output, options.force, folder=False)
-    _check_folder(scratch_place(output, options), "the folder for scratch")
+    check_folder(scratch_place(output, options), "the folder for scratch")
 
 
 def check_reading(blockfile: str, output: str, force: bool, folder: bool = False) -> None:
@@ -329,7 +329,7 @@ def check_reading(blockfile: str, output: str, force: bool, folder: bool = False
 
 
 def _check_output(output: str, force: bool, folder: bool) -> None:
-    _check_folder(os.path.dirname(os.path.abspath(output)), "the output's folder")
+    check_folder(os.path.dirname(os.path.abspath(output)), "the output's folder")
     if os.path.isdir(output) and not folder:
         raise UsageError(f"{output}: is a folder", "name a file")
     if os.path.exists(output) and not force:
@@ -352,7 +352,8 @@ def _check_input(path: str, output: str) -> None:
         raise UsageError(f"{output}: is an input as well as the output", "name another output")
 
 
-def _check_folder(path: str, what: str) -> None:
+def check_folder(path: str, what: str) -> None:
+    """errors : UsageError for a folder in which no file can be made; `what` it is"""
     if not os.path.isdir(path):
         raise UsageError(f"{path}: {what} does not exist", "create it first")
     if not os.access(path, os.W_OK | os.X_OK):

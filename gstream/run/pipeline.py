@@ -49,7 +49,7 @@ class StageReport:
     units: int
     resumed: int  # units that an earlier run had finished
     unit_seconds: float  # of all units, each in its worker
-    usage: Usage  # of all processes: processor time and bytes
+    usage: Usage  # of all processes: processor time and bytes, without the kernels
     peak_memory: int  # bytes, Σ (Pss_Anon + Pss_Shmem) over the process tree
     counts: Mapping[str, int | float | str]
 
@@ -126,7 +126,7 @@ class _Running:
             with scratch.write(f"{stage.NAME}/{UNITS_FILE}") as file:
                 file.write(json.dumps({"units": len(units)}).encode())
         self._begin(stage, units, pending)
-        warm_seconds = _warm(stage) if pending else 0.0
+        warm_seconds, warming = _warm(stage) if pending else (0.0, Usage())
         unit_seconds = 0.0
 
         def done(unit: Unit, seconds: float) -> None:
@@ -144,7 +144,7 @@ class _Running:
             units=len(units),
             resumed=len(units) - len(pending),
             unit_seconds=unit_seconds,
-            usage=tree_usage(os.getpid()).since(usage),
+            usage=tree_usage(os.getpid()).since(usage).since(warming),
             peak_memory=self.memory.stage_peak(),
             counts=dict(summary.counts),
         )
@@ -162,13 +162,13 @@ def _flat(report: dict[str, Any]) -> dict[str, Any]:
     return {**report.pop("usage"), **report}
 
 
-def _warm(stage: Stage) -> float:
+def _warm(stage: Stage) -> tuple[float, Usage]:
     """Compile in the parent first: many processes filling one numba cache is numba issue 4807.
 
     Stage by stage, so that a bad input is refused before kernels that it would never reach.
     """
-    started = perf_counter()
+    started, usage = perf_counter(), tree_usage(os.getpid())
     warm = getattr(stage, "warm", None)
     if warm is not None:
         warm()
-    return perf_counter() - started
+    return perf_counter() - started, tree_usage(os.getpid()).since(usage)

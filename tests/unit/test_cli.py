@@ -155,6 +155,17 @@ end_header
         (["build", "a.ply", "-o", "a.ply", "--resolution", "9"], "a.ply: is an input as well as"),
         (["build", "a.ply", "-o", "old", "--resolution", "9"], "old: exists already; add --force"),
         (["build", "a.ply", "-o", "x", "--resolution", "9", "--tmp", "no"], "no: the folder for"),
+        (
+            ["ingest", "a.ply", "-o", "x.gst", "--report", "no/r"],
+            "no: the report's folder does not exist; create it first",
+        ),
+        (
+            ["ingest", "a.ply", "-o", "x.gst", "--log", "no/l"],
+            "no/l: cannot be written: No such file or directory; give another file for --log",
+        ),
+        (["status", "no"], "no: is not there; a finished job leaves no folder; check the name"),
+        (["clean", "."], "is not the folder of a job; name the folder gstream-… that a stopped"),
+        (["resume", "old"], "old: is not the folder of a job"),
         (["ingest", "a.ply", "-o", "x.gst", "--bounds", "1,2"], "is not a box; write it like"),
         (
             ["ingest", "a.ply", "-o", "x.gst", "--compact", "--order", "file"],

@@ -136,6 +136,14 @@ def test_a_resumed_job_keeps_its_settings_and_takes_other_options(stopped, tmp_p
     assert commands.resume(stopped, {}).workers == 0
 
 
+def test_an_output_that_has_appeared_meanwhile_is_replaced_only_by_force(stopped, tmp_path, whole):
+    (tmp_path / "a.gst").write_bytes(b"another program's")
+    with pytest.raises(UsageError, match="exists already; add --force"):
+        commands.resume(stopped, {})
+    commands.resume(stopped, {"force": True}).run()
+    assert (tmp_path / "a.gst").read_bytes() == whole
+
+
 def test_voxelize_settings_survive_the_record(tmp_path, monkeypatch, no_tmpdir):
     write_stl(tmp_path / "a.stl")
     settings = VoxelizeSettings(voxel_size=0.1, sep="conservative", snap_bits=9, lod=False)
