@@ -314,8 +314,14 @@ def check_paths(inputs: Sequence[str], output: str, options: RunOptions) -> None
         raise UsageError("there is no input", "name at least one file")
     for path in inputs:
         _check_input(path, output)
-    _check_output(output, options.force, folder=False)
-    check_folder(scratch_place(output, options), "the folder for scratch")
+    place = scratch_place(output, options)
+    try:
+        _check_output(output, options.force, folder=False)
+    except UsageError as error:
+        left = os.path.join(place, folder_name(output))  # by a run killed between output and end
+        more = f", or drop what was left when it was made: gstream clean {left}"
+        raise UsageError(error.said, error.remedy + more * os.path.exists(left)) from None
+    check_folder(place, "the folder for scratch" if options.tmp else "$TMPDIR")
 
 
 def check_reading(blockfile: str, output: str, force: bool, folder: bool = False) -> None:

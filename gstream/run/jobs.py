@@ -13,11 +13,13 @@ from typing import Any
 
 from gstream.errors import UsageError
 from gstream.job import Job, Unit
-from gstream.run.journal import Record, remove
+from gstream.run.journal import PLAN_FILE, Record, remove
 from gstream.run.local import LOCK_FILE, locked_folder
 from gstream.run.publish import MARKER, UNITS_FILE, Scratch
 
-REMOVED = re.compile(r"gstream-[0-9a-f]{16}\.removed")  # what a killed `remove` leaves
+JOB_NAME = re.compile(r"gstream-[0-9a-f]{16}")
+REMOVED = re.compile(rf"{JOB_NAME.pattern}\.removed")  # what a killed `remove` leaves
+UNBORN = {LOCK_FILE, f"{PLAN_FILE}.wip"}  # what a run leaves that was killed before `job.json`
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,15 +114,23 @@ def clean(folder: Path) -> int:
         freed = size_of(folder)
         shutil.rmtree(folder)
         return freed
-    record = read_record(folder)
+    half = None if _is_unborn(folder) else Path(f"{read_record(folder).identity.output}.wip")
     with locked_folder(str(folder)):
         freed = size_of(folder)
-        half = Path(f"{record.identity.output}.wip")
-        if half.is_file():
+        if half is not None and half.is_file():
             freed += half.stat().st_size
             half.unlink()
         remove(folder)
     return freed
+
+
+def _is_unborn(folder: Path) -> bool:
+    return (
+        JOB_NAME.fullmatch(folder.name) is not None
+        and folder.is_dir()
+        and (folder / LOCK_FILE).is_file()
+        and {entry.name for entry in folder.iterdir()} <= UNBORN
+    )
 
 
 def size_of(folder: Path) -> int:

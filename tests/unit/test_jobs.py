@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import struct
 from pathlib import Path
 from types import SimpleNamespace
@@ -232,6 +233,31 @@ def test_what_a_killed_removal_left_is_removed(stopped):
     assert not half.exists()
 
 
+def test_what_a_run_killed_at_its_very_start_left_is_removed(tmp_path):
+    folder = tmp_path / "gstream-0123456789abcdef"
+    folder.mkdir()
+    (folder / "lock").touch()
+    (folder / "job.json.wip").write_bytes(b"{")
+    assert clean(folder) == 1
+    assert os.listdir(tmp_path) == []
+
+
+def test_an_output_whose_scratch_was_left_is_told_with_the_command_that_drops_it(stopped, tmp_path):
+    (tmp_path / "a.gst").touch()
+    with pytest.raises(UsageError, match=f"exists already.*gstream clean {stopped}"):
+        request(tmp_path)
+    clean(stopped)
+    with pytest.raises(UsageError, match=r"exists already; add --force to replace it$"):
+        request(tmp_path)
+
+
+def test_a_tmpdir_that_is_not_there_is_named(tmp_path, monkeypatch):
+    write_stl(tmp_path / "a.stl")
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "no"))
+    with pytest.raises(UsageError, match=r"no: \$TMPDIR does not exist; create it first"):
+        request(tmp_path)
+
+
 def test_a_run_tells_start_and_end_and_a_stopped_one_how_to_go_on(stopped, tmp_path, monkeypatch):
     told: list[Event] = []
     with monkeypatch.context() as patched:
@@ -241,6 +267,7 @@ def test_a_run_tells_start_and_end_and_a_stopped_one_how_to_go_on(stopped, tmp_p
     names = [event.NAME for event in told if event.NAME != "memory"]
     first = ["note", "note", "start", "resumed", "stage_begin", "stage_end"]
     assert names == [*first, "resumed", "stage_begin", "unit_done", "stopped"]
+    assert re.fullmatch("disk: about [0-9.]+ MiB of scratch, [0-9.]+ MiB of output", told[0].said)
     assert f"gstream resume {stopped}" in told[-1].said
     told.clear()
     request(tmp_path).run(told.append)
