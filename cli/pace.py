@@ -3,7 +3,7 @@
 import time
 from collections import deque
 
-from gstream.run.progress import Event, StageBegins, StageEnds, Start, UnitDone
+from gstream.run.progress import Event, Resumed, StageBegins, StageEnds, Start, UnitDone
 
 # Seconds of each stage per hundred seconds, measured: 4 M triangles at 2048^3 with two workers, and
 # the levels of what came out. Other jobs differ, but their own time scales it.
@@ -29,7 +29,8 @@ class Pace:
     """
 
     def __init__(self) -> None:
-        self.units = self.done = 0  # of the running stage
+        self.units = self.done = 0  # of the running stage, those of earlier runs included
+        self._before = 0  # units of earlier runs
         self._cost = self._done_cost = 0.0
         self._began = self._last = self._job_began = time.monotonic()
         self._ahead: deque[float] = deque()  # shares of the stages that have not begun
@@ -43,20 +44,22 @@ class Pace:
                 stages = event.job["stages"]
                 shares = SHARES_OF_SIMPLIFY if stages[0] in SHARES_OF_SIMPLIFY else SHARES
                 self._ahead.extend(shares[stage] for stage in stages)
+            case Resumed():
+                self._before = event.units
             case StageBegins():
                 self._began = self._last = now
-                self.units, self.done = event.units, 0
+                self.units, self.done = self._before + event.units, self._before
                 self._cost, self._done_cost = event.cost, 0.0
                 self._share = event.share * (self._ahead.popleft() if self._ahead else 0.0)
             case UnitDone():
-                if self.done == 0 and event.seconds:
+                if self.done == self._before and event.seconds:
                     self._skip_start(now - event.seconds)
                 self._last = now
                 self.done += event.units
                 self._done_cost += event.cost
             case StageEnds():
                 self._passed += self._share
-                self._share = 0.0
+                self._share, self._before = 0.0, 0
 
     def _skip_start(self, first: float) -> None:
         """Leave out what comes before the first unit: kernels are compiled, workers start."""
@@ -68,7 +71,8 @@ class Pace:
         """Of the running stage, 0 to 1, by estimated cost."""
         if self._cost:
             return self._done_cost / self._cost
-        return self.done / self.units if self.units else 1.0
+        left = self.units - self._before
+        return (self.done - self._before) / left if left else 1.0
 
     @property
     def job_part(self) -> float:
@@ -93,7 +97,7 @@ class Pace:
     @property
     def rate(self) -> str:
         """Units per second or, of large ones, per minute."""
-        each_second = self.done / max(time.monotonic() - self._began, 1e-9)
+        each_second = (self.done - self._before) / max(time.monotonic() - self._began, 1e-9)
         return f"{each_second:.1f}/s" if each_second >= 0.1 else f"{60 * each_second:.1f}/min"
 
     @property
@@ -105,8 +109,9 @@ class Pace:
     def __str__(self) -> str:
         counts = f"{self.done}/{self.units} units"
         if self.stalled is not None:
-            which = "the last one was finished" if self.done else "none finished in"
-            return f"{counts}, {which} {clock(self.stalled)}{' ago' if self.done else ''}"
+            if self.done == self._before:
+                return f"{counts}, none finished in {clock(self.stalled)}"
+            return f"{counts}, the last one was finished {clock(self.stalled)} ago"
         return f"{counts}, {self.rate}, {clock(self.stage_left)} left"
 
 

@@ -86,12 +86,19 @@ def test_what_an_earlier_run_has_done_is_no_part_of_a_resumed_job(clock):
     of(start("presort", "voxelize", "pack"))
     of(Resumed("3-presort", 9))
     of(StageBegins("3-presort", 0, 0.0, share=0.0))
+    assert str(of) == "9/9 units, 0.0/min, 0:00 left"
     of(StageEnds("3-presort", 0.0))
-    of(StageBegins("4-voxelize", 1, 1.0, share=1 / 3))
-    clock.now += 20
-    of(UnitDone("4-voxelize", 1.0, seconds=20.0))
+    of(Resumed("4-voxelize", 4))
+    of(StageBegins("4-voxelize", 2, 2.0, share=1 / 3))
+    for _ in range(2):
+        clock.now += 10
+        of(UnitDone("4-voxelize", 1.0, seconds=10.0))
+    assert str(of) == "6/6 units, 0.1/s, 0:00 left"
     assert of.job_part == pytest.approx(0.5)
     assert of.job_left == pytest.approx(20)
+    of(StageEnds("4-voxelize", 20.0))
+    of(StageBegins("7-pack", 1, 1.0))
+    assert (of.done, of.units) == (0, 1)
 
 
 def test_a_job_s_time_left_is_not_told_from_less_than_a_twentieth_of_it(clock):
