@@ -33,7 +33,7 @@ def _compiled() -> Arithmetic:
         decode_morton,
         morton.tight_bounds,
         octahedral.decode_normals,
-        octahedral.canonical_normals,
+        octahedral.all_canonical,
         reduce_runs,
     )
 

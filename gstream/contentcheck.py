@@ -127,10 +127,9 @@ class Content:
             wrong["mask"] = bool((view.mask - np.uint8(1) > 62).any())  # 0 - 1 is 255
         if "normal" in self._readable:
             bits, codes = self.file.specs["normal"].bits, view.normal_codes
-            lawful = self.file.arithmetic(view.count).canonical_normals
-            wrong["normal"] = not all(
-                lawful(codes[at : at + PIECE], bits).all() for at in range(0, view.count, PIECE)
-            )
+            lawful = self.file.arithmetic(view.count).all_canonical
+            cuts = range(0, view.count, PIECE)
+            wrong["normal"] = not all(lawful(codes[at : at + PIECE], bits) for at in cuts)
         if "weight" in self._readable:
             wrong["weight"] = not view.weight.all()
         for name, bad in wrong.items():

@@ -17,7 +17,7 @@ from gstream.formats.lodrule import (
     U16,
     U32,
     Reduced,
-    canonical_normals,
+    all_canonical,
     decode_normals,
     reduce_runs,
 )
@@ -31,7 +31,7 @@ class Arithmetic(NamedTuple):
     decode_morton: Callable[[NDArray[Any]], U32]
     tight_bounds: Callable[[U32], tuple[Place, Place]]
     decode_normals: Callable[[U16, int], NDArray[np.int32]]
-    canonical_normals: Callable[[U16, int], NDArray[np.bool_]]
+    all_canonical: Callable[[U16, int], bool]
     reduce_runs: Callable[[U32, U8, U16, U8, U32, int, bool], Reduced]
 
 
@@ -39,7 +39,7 @@ class Arithmetic(NamedTuple):
 Choice = Callable[[int], Arithmetic]
 
 PLAIN: Final = Arithmetic(
-    filters, decode_morton, tight_bounds, decode_normals, canonical_normals, reduce_runs
+    filters, decode_morton, tight_bounds, decode_normals, all_canonical, reduce_runs
 )
 
 

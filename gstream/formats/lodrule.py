@@ -119,6 +119,11 @@ def canonical_normals(codes: U16, bits: int) -> NDArray[np.bool_]:
     return lawful
 
 
+def all_canonical(codes: U16, bits: int) -> bool:
+    """Whether a writer may store all of these (n, 2) codes."""
+    return bool(canonical_normals(codes, bits).all())
+
+
 def _sign(values: I64) -> I64:
     return np.where(values < 0, -1, 1)
 

