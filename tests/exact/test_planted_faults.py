@@ -51,26 +51,28 @@ class Fault:
 
 FAULTS = (
     Fault(
-        "small triangles: an edge lies one snap unit too far in", "packets.py",
+        "small triangles: an edge lies one snap unit too far in", "packet_overlap.py",
         "(c1 + ((max(a1, 0) + max(b1, 0)) << k)) >> k",
         "(c1 + ((max(a1, 0) + max(b1, 0)) << k) - 1) >> k", MILLIONS,
     ),
     Fault(
-        "small triangles: the wrong projection takes ties by its second axis", "packets.py",
+        "small triangles: the wrong projection takes ties by its second axis", "packet_overlap.py",
         "q_first = turned(words[at(FIRST_AXIS, lane)], axis) == 1",
         "q_first = turned(words[at(FIRST_AXIS, lane)], axis) == 0", MILLIONS,
     ),
     Fault(
-        "small triangles: a plane on the voxel's corner meets it from either side", "packets.py",
+        "small triangles: a plane on the voxel's corner meets it from either side",
+        "packet_frame.py",
         "((-value - np.int64(first > 0)) >> k)", "(-value >> k)", SETS,
     ),
     Fault(
-        "small triangles: a plane on a segment's end meets it from either side", "packets.py",
+        "small triangles: a plane on a segment's end meets it from either side",
+        "packet_overlap.py",
         "over = max(n, 0) + ((middle - np.int64(first > 0)) >> k)",
         "over = max(n, 0) + (middle >> k)", SETS,
     ),
     Fault(
-        "small triangles: the last voxels of the room are left out", "packets.py",
+        "small triangles: the last voxels of the room are left out", "packet_overlap.py",
         "pick(which, room[0], room[1], room[2]) - 1 - place",
         "pick(which, room[0], room[1], room[2]) - 2 - place", MILLIONS,
     ),
@@ -79,7 +81,7 @@ FAULTS = (
         "EDGE - 1 - this_long if this_deep & 1 else this_long", "this_long", MILLIONS,
     ),
     Fault(
-        "small triangles: sorting the corners turns the normal", "packets.py",
+        "small triangles: sorting the corners turns the normal", "packet_frame.py",
         "words[at(TURN, lane)] = 1 - 2 * (swaps & 1)", "words[at(TURN, lane)] = 1", NORMAL,
     ),
     Fault(
