@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gstream.run.commands import check_reading
+from gstream.run.paths import check_reading
 
 from . import options
 from .progress import Blocks, watch

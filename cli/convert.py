@@ -12,6 +12,7 @@ from gstream.job import IngestSettings, VoxelizeSettings
 from gstream.run import commands
 from gstream.run.commands import Request
 from gstream.run.log import Log
+from gstream.run.paths import check_folder
 from gstream.run.progress import Event, Progress, silent
 from gstream.run.publish import publish
 
@@ -127,7 +128,7 @@ def run(request: Request, values: dict[str, Any]) -> None:
         return
     if values["report"]:
         folder = os.path.dirname(os.path.abspath(values["report"]))
-        commands.check_folder(folder, "the report's folder")
+        check_folder(folder, "the report's folder")
     with _logged(values["log"]) as log, watch(values["quiet"]) as shown:
 
         def tell(event: Event) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from gstream.errors import CorruptFileError
-from gstream.run.commands import check_reading
+from gstream.run.paths import check_reading
 
 from . import options
 from .facts import facts

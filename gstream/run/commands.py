@@ -22,6 +22,7 @@ from gstream.run.budget import DiskNeed, check_disk, disk_of_ingest, disk_of_vox
 from gstream.run.jobs import read_record, size_of
 from gstream.run.journal import Identity, fingerprint, folder_name, job_folder
 from gstream.run.local import disk_errors
+from gstream.run.paths import check_paths, scratch_place
 from gstream.run.pipeline import RunReport, Stage, run_job
 from gstream.run.progress import (
     End,
@@ -32,7 +33,6 @@ from gstream.run.progress import (
     Stopped,
     silent,
 )
-from gstream.source import is_url
 
 INGEST = ("spill", "ingest")
 VOXELIZE = ("presort", "voxelize", "merge", "simplify", "pack")
@@ -65,7 +65,7 @@ class Request:
 
     @property
     def tmp(self) -> str:
-        return scratch_place(self.output, self.options)
+        return scratch_place(self.output, self.options.tmp)
 
     @property
     def folder(self) -> Path:
@@ -197,7 +197,7 @@ def ingest(settings: IngestSettings, output: str, options: RunOptions) -> Reques
 
     errors : UsageError for any path or option that cannot work
     """
-    check_paths(settings.inputs, output, options)
+    check_paths(settings.inputs, output, options.tmp, options.force)
     return Request(INGEST, settings.inputs, output, options, ingest=settings)
 
 
@@ -207,7 +207,7 @@ def voxelize(stream: str, settings: VoxelizeSettings, output: str, options: RunO
     errors : UsageError for any path or option that cannot work
     """
     check_voxelize(settings)
-    check_paths((stream,), output, options)
+    check_paths((stream,), output, options.tmp, options.force)
     return Request(VOXELIZE, (stream,), output, options, voxelize=settings)
 
 
@@ -219,7 +219,7 @@ def build(
     errors : UsageError for any path or option that cannot work
     """
     check_voxelize(voxels)
-    check_paths(settings.inputs, output, options)
+    check_paths(settings.inputs, output, options.tmp, options.force)
     stages = (*INGEST, *VOXELIZE)
     return Request(stages, settings.inputs, output, options, ingest=settings, voxelize=voxels)
 
@@ -231,7 +231,7 @@ def simplify(blockfile: str, output: str, options: RunOptions) -> Request:
 
     errors : UsageError for any path or option that cannot work; CorruptFileError
     """
-    check_paths((blockfile,), output, options)
+    check_paths((blockfile,), output, options.tmp, options.force)
     with open_block_file(blockfile) as file:
         held, columns = file.header, file.columns
     settings = VoxelizeSettings(
@@ -265,7 +265,7 @@ def resume(folder: Path, changes: Mapping[str, Any]) -> Request:
         raise UsageError(said, "move it back")
     options = RunOptions(**{**record.options, "tmp": os.path.dirname(record.folder), **changes})
     paths = tuple(path for path, _ in held.inputs)
-    check_paths(paths, held.output, options)
+    check_paths(paths, held.output, options.tmp, options.force)
     ingest, voxels = held.settings["ingest"], held.settings["voxelize"]
     if ingest:
         bounds = ingest["bounds"] and tuple(ingest["bounds"])
@@ -278,12 +278,6 @@ def resume(folder: Path, changes: Mapping[str, Any]) -> Request:
         ingest=ingest or None,
         voxelize=VoxelizeSettings(**voxels) if voxels else None,
     )
-
-
-def scratch_place(output: str, options: RunOptions) -> str:
-    """The folder in which the job's folder is: --tmp, else $TMPDIR, else where the output is."""
-    given = options.tmp or os.environ.get("TMPDIR")
-    return given or os.path.dirname(os.path.abspath(output))
 
 
 def check_voxelize(settings: VoxelizeSettings) -> None:
@@ -306,64 +300,6 @@ def check_voxelize(settings: VoxelizeSettings) -> None:
     if settings.cell not in BLOCK_EDGES or settings.cell < settings.block:
         said = f"--cell {settings.cell} is out of range"
         raise UsageError(said, f"give a power of two, {settings.block} (--block) to 256")
-
-
-def check_paths(inputs: Sequence[str], output: str, options: RunOptions) -> None:
-    """errors : UsageError for inputs that cannot be read and outputs that cannot be written."""
-    if not inputs:
-        raise UsageError("there is no input", "name at least one file")
-    for path in inputs:
-        _check_input(path, output)
-    place = scratch_place(output, options)
-    try:
-        _check_output(output, options.force, folder=False)
-    except UsageError as error:
-        left = os.path.join(place, folder_name(output))  # by a run killed between output and end
-        more = f", or drop what was left when it was made: gstream clean {left}"
-        raise UsageError(error.said, error.remedy + more * os.path.exists(left)) from None
-    check_folder(place, "the folder for scratch" if options.tmp else "$TMPDIR")
-
-
-def check_reading(blockfile: str, output: str, force: bool, folder: bool = False) -> None:
-    """Check what makes one output of one block file or its URL; folder : the output is a folder.
-
-    errors : UsageError for an input that cannot be read and an output that cannot be written
-    """
-    if not is_url(blockfile):
-        _check_input(blockfile, output)
-    _check_output(output, force, folder)
-
-
-def _check_output(output: str, force: bool, folder: bool) -> None:
-    check_folder(os.path.dirname(os.path.abspath(output)), "the output's folder")
-    if os.path.isdir(output) and not folder:
-        raise UsageError(f"{output}: is a folder", "name a file")
-    if os.path.exists(output) and not force:
-        raise UsageError(f"{output}: exists already", "add --force to replace it")
-
-
-def _check_input(path: str, output: str) -> None:
-    if os.path.isdir(path):
-        raise UsageError(f"{path}: is a folder", "name the file in it")
-    if not os.path.exists(path):
-        raise UsageError(f"{path}: no such file", "check its name and folder")
-    if not os.path.isfile(path):
-        raise UsageError(f"{path}: is not a regular file", "copy it to a file first")
-    try:
-        open(path, "rb").close()
-    except OSError as error:
-        said = f"{path}: cannot be read: {os.strerror(error.errno or 0)}"
-        raise UsageError(said, "check its permissions") from error
-    if os.path.exists(output) and os.path.samefile(path, output):
-        raise UsageError(f"{output}: is an input as well as the output", "name another output")
-
-
-def check_folder(path: str, what: str) -> None:
-    """errors : UsageError for a folder in which no file can be made; `what` it is"""
-    if not os.path.isdir(path):
-        raise UsageError(f"{path}: {what} does not exist", "create it first")
-    if not os.access(path, os.W_OK | os.X_OK):
-        raise UsageError(f"{path}: {what} cannot be written", "check its permissions")
 
 
 def _size_and_spill(path: str) -> tuple[int, bool]:
