@@ -4,6 +4,8 @@
 PYTHON ?= python3
 HYPOTHESIS_PROFILE ?= ci
 MUTANTS ?= 1000000
+SIZE ?= small
+BENCH ?=
 BIN := .venv/bin
 READY := .venv/.ready
 
@@ -46,10 +48,9 @@ spec: $(READY)
 	$(BIN)/python -m tests.conformance.rules_page
 	$(BIN)/python -m tests.conformance.expected_answers
 
+# The size ladder, in minutes; SIZE=large takes hours. tests/bench/README.md says what BENCH may hold.
 bench: $(READY)
-	$(BIN)/python -m tests.bench.bench_ingest
-	$(BIN)/python -m tests.bench.bench_voxelize
-	$(BIN)/python -m tests.bench.bench_memory
+	$(BIN)/python -m tests.bench --size $(SIZE) $(BENCH)
 
 clean:
 	rm -rf .venv build demo *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache

@@ -9,13 +9,15 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gstream.run.usage import tree_memory
+
 SAMPLE_SECONDS = 0.1
 ENTRY = "from gstream_cli.main import run; run()"
-FIELDS = ("Pss_Anon:", "Pss_Shmem:")  # what a process tree holds beside the page cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,19 +33,22 @@ class Cost:
     samples: int
 
 
-def gstream(*arguments: str | Path, timeout: float | None = None) -> Cost:
-    """Run one gstream command to its end, sampling its process tree's memory every 0.1 s.
+class CommandFailed(SystemExit):
+    """A command that must succeed did not; its argument is one line."""
+
+
+def run(command: Sequence[str | Path], timeout: float | None = None) -> Cost:
+    """Run one command to its end, sampling its process tree's memory every 0.1 s.
 
     A command that takes longer than `timeout` seconds is killed (returncode -9).
     """
     before, start = _children_cpu(), time.perf_counter()
     # files, not pipes: a full pipe would stall the command while we sample
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        command = [sys.executable, "-c", ENTRY, *map(str, arguments)]
         process = subprocess.Popen(command, stdout=out, stderr=err, stdin=subprocess.DEVNULL)
         peak = samples = 0
         while process.poll() is None:
-            peak, samples = max(peak, tree_bytes(process.pid)), samples + 1
+            peak, samples = max(peak, tree_memory(process.pid)), samples + 1
             if timeout is not None and time.perf_counter() - start > timeout:
                 process.kill()
             time.sleep(SAMPLE_SECONDS)
@@ -55,47 +60,26 @@ def gstream(*arguments: str | Path, timeout: float | None = None) -> Cost:
     return Cost(process.returncode, said[0], said[1], cpu, wall, peak, samples)
 
 
+def gstream(*arguments: str | Path, timeout: float | None = None) -> Cost:
+    """Run one gstream command to its end."""
+    return run([sys.executable, "-c", ENTRY, *arguments], timeout)
+
+
 def expect(*arguments: str | Path) -> Cost:
-    """Run one gstream command that must succeed."""
+    """Run one gstream command that must succeed.
+
+    errors : CommandFailed, which ends the program where nobody catches it
+    """
     cost = gstream(*arguments)
     if cost.returncode:
         line = " ".join(map(str, arguments))
-        raise SystemExit(f"gstream {line}: exit code {cost.returncode}: {cost.err.strip()}")
+        raise CommandFailed(f"gstream {line}: exit code {cost.returncode}: {cost.err.strip()}")
     return cost
 
 
 def _children_cpu() -> float:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
-
-
-def tree_bytes(root: int) -> int:
-    """Sum of Pss_Anon and Pss_Shmem over a process and everything below it, bytes."""
-    total = 0
-    for pid in tree(root):
-        try:
-            lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-        except OSError:
-            continue  # it ended between the listing and now
-        total += sum(int(line.split()[1]) << 10 for line in lines if line.startswith(FIELDS))
-    return total
-
-
-def tree(root: int) -> list[int]:
-    """Process ids of `root` and its descendants."""
-    children: dict[int, list[int]] = {}
-    for entry in os.listdir("/proc"):
-        if entry.isdigit():
-            try:
-                # the name in brackets may hold anything, also brackets
-                parent = int(Path(f"/proc/{entry}/stat").read_text().rpartition(")")[2].split()[1])
-            except (OSError, IndexError):
-                continue
-            children.setdefault(parent, []).append(int(entry))
-    found = [root]
-    for pid in found:
-        found += children.get(pid, [])
-    return found
 
 
 def voxels_of(path: Path) -> int:
