@@ -2,8 +2,12 @@
 
 import json
 import os
+import re
 import sys
 import threading
+from dataclasses import fields
+from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -26,6 +30,7 @@ from gstream_cli import pace
 from gstream_cli.pace import Pace
 from gstream_cli.progress import Bars, Lines
 
+README = Path(__file__).parents[2] / "README.md"
 SHARES = {"presort": 20, "voxelize": 60, "pack": 20}
 
 
@@ -188,6 +193,17 @@ def test_the_log_has_a_line_for_each_event_as_soon_as_it_happens(tmp_path):
     assert (lines[2]["unit"], lines[2]["seconds"]) == ("000007", 0.5)
     assert (lines[3]["cpu_seconds"], lines[3]["written_bytes"]) == (1.5, 20)
     assert lines[3]["peak_memory"] == 99
+
+
+def test_the_readme_has_every_event_of_the_log_and_every_field():
+    text = README.read_text()
+    rows = dict(re.findall(r"^\| (`[a-z_`, ]+`) \| (`.+) \|$", text, re.M))
+    told = {name: row for names, row in rows.items() for name in re.findall("`([a-z_]+)`", names)}
+    for event in get_args(Event):
+        for name in (field.name for field in fields(event) if field.name != "usage"):
+            assert f"`{name}`" in told[event.NAME], (event.NAME, name)
+    for field in fields(Usage):
+        assert f"`{field.name}`" in told["stage_end"]
 
 
 def test_the_log_of_a_second_run_follows_that_of_the_first(tmp_path):
