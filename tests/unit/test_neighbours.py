@@ -102,3 +102,11 @@ def test_a_full_chunk_of_65536_vertices_and_triangles_is_walked():
 def test_a_chunk_of_none_or_one_is_its_own_order(count):
     triangles = np.arange(3 * count, dtype=np.uint16).reshape(-1, 3)
     np.testing.assert_array_equal(walk(triangles)[2], triangles)
+
+
+def test_a_fan_about_one_hub_is_put_in_order_whole():
+    rim = np.arange(1, 1000)
+    fan = np.stack([np.zeros(999), rim, rim + 1], axis=1).astype(np.uint16)[::-1]
+    order, ids, renamed = walk(fan)
+    assert sorted(order.tolist()) == list(range(999))
+    np.testing.assert_array_equal(ids[renamed], fan[order])
