@@ -176,12 +176,16 @@ class Request:
         self._check_disk(needs)
 
     def _check_disk(self, needs: Sequence[DiskNeed]) -> None:
-        output = os.path.dirname(os.path.abspath(self.output))
+        folder = os.path.dirname(os.path.abspath(self.output))
         scratch = sum(n.scratch for n in needs) + sum(n.output for n in needs[:-1])
-        held = size_of(self.folder)  # by an earlier run of the job
-        check_disk("scratch", self.tmp, scratch, shutil.disk_usage(self.tmp).free + held)
-        for need in needs[-1:]:
-            check_disk("the output", output, need.output, shutil.disk_usage(output).free)
+        scratch -= size_of(self.folder)  # of an earlier run of the job
+        output = needs[-1].output if needs else 0
+        free = shutil.disk_usage(self.tmp).free
+        if os.stat(self.tmp).st_dev == os.stat(folder).st_dev:
+            check_disk("scratch with the output", self.tmp, scratch + output, free)
+        else:
+            check_disk("scratch", self.tmp, scratch, free)
+            check_disk("the output", folder, output, shutil.disk_usage(folder).free)
 
     def _stream(self) -> str:
         """The path of the geometry stream: an input, the output, or scratch."""

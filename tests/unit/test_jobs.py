@@ -199,13 +199,34 @@ def test_a_job_whose_input_is_gone_is_not_resumed(stopped, tmp_path):
         commands.resume(stopped, {})
 
 
-def test_what_a_stopped_job_holds_counts_as_free_for_it(stopped, tmp_path, monkeypatch):
-    free = 10**9 - jobs.size_of(stopped)
-    monkeypatch.setattr(commands, "disk_of_ingest", lambda _: DiskNeed(10**9, 0))
+def need_of(monkeypatch, scratch: int, output: int, free: int) -> None:
+    monkeypatch.setattr(commands, "disk_of_ingest", lambda _: DiskNeed(scratch, output))
     monkeypatch.setattr(commands.shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+
+
+def test_what_a_stopped_job_holds_is_not_needed_again(stopped, tmp_path, monkeypatch):
+    need_of(monkeypatch, 10**9, 0, 10**9 - jobs.size_of(stopped))
     request(tmp_path).run()
-    with pytest.raises(RefusedError, match="scratch needs about 954 MiB, and 953 MiB are free"):
+    with pytest.raises(RefusedError, match="needs about 954 MiB, and 953 MiB are free"):
         request(tmp_path, force=True).run()
+
+
+def test_scratch_and_output_on_one_volume_need_it_together(tmp_path, monkeypatch, no_tmpdir):
+    write_stl(tmp_path / "a.stl")
+    need_of(monkeypatch, 30 << 20, 30 << 20, 50 << 20)
+    with pytest.raises(RefusedError, match="with the output needs about 60 MiB, and 50 MiB are"):
+        request(tmp_path).run()
+    stat = os.stat
+
+    def of_other_volumes(path: object, **more: object) -> object:
+        found = stat(path, **more)  # type: ignore[call-overload]
+        return SimpleNamespace(st_dev=7) if str(path) == str(tmp_path / "tmp") else found
+
+    (tmp_path / "tmp").mkdir()
+    asked = request(tmp_path, tmp=str(tmp_path / "tmp"))
+    with monkeypatch.context() as patched:
+        patched.setattr(commands.os, "stat", of_other_volumes)
+        asked._check_disk(asked.disk())
 
 
 @pytest.mark.parametrize("use", [status, clean, lambda path: commands.resume(path, {})])
