@@ -48,7 +48,7 @@ spec: $(READY)
 	$(BIN)/python -m tests.conformance.rules_page
 	$(BIN)/python -m tests.conformance.expected_answers
 
-# The size ladder, in minutes; SIZE=large takes hours. tests/bench/README.md says what BENCH may hold.
+# The size ladder, in minutes; SIZE=large takes an hour. tests/bench/README.md says what BENCH may hold.
 bench: $(READY)
 	$(BIN)/python -m tests.bench --size $(SIZE) $(BENCH)
 

@@ -1,7 +1,7 @@
 """The benchmark driver: the size ladder, what bounds it, and other programs beside it.
 
-`python -m tests.bench` takes minutes, `--size large` hours and tens of GB of disk. Results are
-printed and written to build/bench/ladder.md and .json after every run.
+`python -m tests.bench` takes minutes, `--size large` an hour or more and 20 GB of disk. Results are
+written to build/bench/ladder.md and .json after every run, and printed at the end.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from tests.bench.runs import Place, Run
 from tests.bench.tables import label
 
 TINY_TRIANGLES = 20_000
-TINY_RESOLUTION = 64
+TINY_RESOLUTIONS = (64, 260)  # one cell, and eight
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +69,14 @@ def scenes(args: argparse.Namespace, folder: Path) -> Iterator[Scene]:
 
 
 def warm(place: Place) -> tuple[float, dict[str, float]]:
-    """CPU seconds of compiling what the cache of kernels lacks, and of each command's start."""
+    """CPU seconds of compiling what the cache of kernels lacks, and of each way to start."""
     mesh, stream = place.folder / "tiny.ply", place.folder / "tiny.gst"
     write_sphere(mesh, TINY_TRIANGLES)
     found = []
     for _ in range(2):
-        first = runs.ingest(place, "tiny", mesh, stream)
-        second = runs.voxelize(place, "tiny", stream, TINY_RESOLUTION)
-        found.append({run.command: run.cpu_s for run in (first, second)})
+        made = [runs.ingest(place, "tiny", mesh, stream)]
+        made += [runs.voxelize(place, "tiny", stream, size) for size in TINY_RESOLUTIONS]
+        found.append({run.start: run.cpu_s for run in made})
     compiling = sum(found[0].values()) - sum(found[1].values())
     return max(0.0, compiling), found[1]
 

@@ -20,7 +20,7 @@ class Result:
     memory: int  # bytes of --memory
     disk: DiskRate
     compile_s: float  # CPU seconds of the kernels that were not in the cache
-    starts: dict[str, float]  # CPU seconds of a command on a tiny mesh
+    starts: dict[str, float]  # CPU seconds of a tiny mesh, by `Run.start`
     runs: list[Run] = field(default_factory=list)
     peers: list[dict[str, Any]] = field(default_factory=list)  # each with its Run as `ours`
     failures: list[str] = field(default_factory=list)

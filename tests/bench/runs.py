@@ -10,6 +10,7 @@ from gstream.run.estimate import disk_of_stream
 from tests.bench.figures import per
 from tests.bench.process import Cost, expect
 
+ALONE, WORKERS = "in one process", "with workers"
 STAGE_FIGURES = (
     "stage",
     "units",
@@ -63,6 +64,12 @@ class Run:
     disk_read_bytes: int
     disk_written_bytes: int
     stages: tuple[dict[str, Any], ...]  # STAGE_FIGURES of the run's report
+
+    @property
+    def start(self) -> str:
+        """What had to be started: worker processes are spared where each stage has one unit."""
+        spread = self.workers and any(stage["units"] > 1 for stage in self.stages)
+        return f"{self.command} {WORKERS if spread else ALONE}"
 
     @property
     def estimate(self) -> float | None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tests.bench.figures import PowerLaw, power_law
-from tests.bench.runs import Run
+from tests.bench.runs import ALONE, Run
 
 TRIANGLES, VOXELS = "triangles", "voxels"
 SPHERE = "sphere"  # first word of the name of the meshes that differ in triangles alone
@@ -27,7 +27,7 @@ class Slope:
 def slopes(runs: Sequence[Run], starts: Mapping[str, float]) -> Iterator[Slope]:
     """Every law that at least two sizes show.
 
-    starts : CPU seconds of each command on next to nothing
+    starts : CPU seconds that each `Run.start` takes on next to nothing
     """
     spheres = [run for run in runs if run.mesh.startswith(SPHERE)]
     edges = [run for run in spheres if run.edge]
@@ -47,15 +47,18 @@ def slopes(runs: Sequence[Run], starts: Mapping[str, float]) -> Iterator[Slope]:
     ]
     for what, unit, some in families:
         sizes = [run.triangles if unit == TRIANGLES else run.voxels for run in some]
-        times = [run.cpu_s for run in some]
-        law = power_law(zip(sizes, times, strict=True))
+        law = power_law(zip(sizes, (run.cpu_s for run in some), strict=True))
         if law is not None:
-            start = starts.get(some[0].command, 0.0)
-            net = power_law((size, time - start) for size, time in zip(sizes, times, strict=True))
+            net = power_law(zip(sizes, (_net(run, starts) for run in some), strict=True))
             yield Slope(what, unit, len(some), min(sizes), max(sizes), law, net)
 
 
+def _net(run: Run, starts: Mapping[str, float]) -> float:
+    """CPU seconds less the start's; a tiny ingest is one unit, so its workers are not known."""
+    return run.cpu_s - starts.get(run.start, starts.get(f"{run.command} {ALONE}", 0.0))
+
+
 def _grouped(runs: Sequence[Run], key: Callable[[Run], Any]) -> list[tuple[Any, list[Run]]]:
-    """Runs of equal keys, in order of the keys."""
-    keys = sorted({key(run) for run in runs})
+    """Runs of equal keys, in order of the runs."""
+    keys = dict.fromkeys(map(key, runs))
     return [(wanted, [run for run in runs if key(run) == wanted]) for wanted in keys]

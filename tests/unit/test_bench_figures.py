@@ -105,10 +105,18 @@ def test_a_sphere_is_voxelized_from_coarse_to_fine_and_not_beyond_the_ladder() -
 
 def test_a_slope_is_of_one_edge_and_told_with_and_without_the_start() -> None:
     runs = [run_of(1000, 3, edge=1.0), run_of(4000, 9, edge=1.0), run_of(4000, 5, edge=3.0)]
-    (found,) = (slope for slope in slopes(runs, {"voxelize": 1.0}) if slope.unit == "triangles")
+    starts = {"voxelize in one process": 77.0, "voxelize with workers": 1.0}
+    (found,) = (slope for slope in slopes(runs, starts) if slope.unit == "triangles")
     assert (found.what, found.smallest, found.largest) == ("voxelize, edge 1", 1000, 4000)
     assert found.law.slope == pytest.approx(math.log(3) / math.log(4))
     assert found.net == PowerLaw(pytest.approx(1), pytest.approx(0.002))  # 2 s and 8 s
+
+
+def test_a_run_has_started_workers_where_a_stage_has_several_units() -> None:
+    alone = tuple(found | {"units": 1} for found in run_of(1000, 1).stages)
+    assert run_of(1000, 1).start == "voxelize with workers"
+    assert run_of(1000, 1, workers=0).start == "voxelize in one process"
+    assert run_of(1000, 1, stages=alone).start == "voxelize in one process"
 
 
 def test_a_slope_against_voxels_is_of_one_mesh() -> None:
