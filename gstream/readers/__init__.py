@@ -3,6 +3,8 @@
 import os
 import re
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from gstream.errors import InputError, UsageError
@@ -25,7 +27,8 @@ def open_mesh(path: Path, spill: Spill) -> Mesh:
     Raises UsageError when the path cannot be read, InputError when its content cannot be.
     """
     name = str(path)
-    kind, plain = sniff(path, name, path.suffix), path
+    with _named_by_a_user(path):
+        kind, plain = sniff(path, name, path.suffix), path
     if kind == "gz":
         plain = inflate(path, name, spill("inflated"))
         kind = sniff(plain, name, Path(path.stem).suffix)
@@ -60,7 +63,8 @@ def _open(kind: str, path: Path, name: str, folder: Path, spill: Spill) -> Mesh:
 
 def needs_spill(path: Path) -> bool:
     """Whether open_mesh will write scratch files, from the file's head and its first faces."""
-    kind = sniff(path, str(path), path.suffix)
+    with _named_by_a_user(path):
+        kind = sniff(path, str(path), path.suffix)
     if kind == "ply":
         return ply.needs_spill(path, str(path))
     return kind != "stl binary"
@@ -111,12 +115,17 @@ def _solid(head: bytes) -> bool:
 
 def _head(path: Path) -> tuple[bytes, int]:
     """The first bytes and the size of a regular file."""
+    info = os.stat(path)
+    if not stat.S_ISREG(info.st_mode):
+        raise UsageError(f"{path}: is not a file", "give the files themselves")
+    with open(path, "rb") as file:
+        return file.read(HEAD), info.st_size
+
+
+@contextmanager
+def _named_by_a_user(path: Path) -> Iterator[None]:
     try:
-        info = os.stat(path)
-        if not stat.S_ISREG(info.st_mode):
-            raise UsageError(f"{path}: is not a file", "give the files themselves")
-        with open(path, "rb") as file:
-            return file.read(HEAD), info.st_size
+        yield
     except OSError as error:
         said = f"{path}: cannot be read ({error.strerror})"
         raise UsageError(said, "give a path that exists and that you may read") from error

@@ -1,6 +1,7 @@
 """Decompressing a .gz to scratch, in blocks; the standard library checks its CRC and length."""
 
 import gzip
+import os
 import zlib
 from pathlib import Path
 
@@ -18,6 +19,8 @@ def inflate(path: Path, name: str, to: Path) -> Path:
             while block := source.read(BLOCK):
                 target.write(block)
                 written += len(block)
+            target.flush()
+            os.fsync(target.fileno())
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         said = f"is damaged or cut ({error})"
         place = f"byte {written} of the decompressed data"

@@ -136,13 +136,16 @@ class Record:
 
     @classmethod
     def read(cls, folder: Path) -> Self | None:
-        """The record in `folder`; None when it holds none."""
+        """The record in `folder`; None when it holds none.
+
+        errors : OSError for one that cannot be read, lest its job be started over
+        """
         try:
             record = json.loads((folder / PLAN_FILE).read_bytes())
             plan = MemoryPlan(int(record["plan"]["workers"]), int(record["plan"]["worker_memory"]))
             identity = Identity.from_dict(record["job"])
             return cls(identity, str(record["folder"]), plan, dict(record["options"]))
-        except (OSError, ValueError, KeyError, TypeError):
+        except (FileNotFoundError, NotADirectoryError, ValueError, KeyError, TypeError):
             return None
 
     def publish(self) -> None:

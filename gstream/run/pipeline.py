@@ -121,6 +121,7 @@ class _Running:
     def run(self, stage: Stage) -> StageReport:
         started, usage = perf_counter(), tree_usage(os.getpid())
         with disk_errors(self.job, f"stage {stage.NAME}"), Scratch(self.job) as scratch:
+            scratch.drop_half_written(stage.NAME)
             units = stage.plan(self.job)
             pending = [unit for unit in units if scratch.done(unit, self.paranoid) is None]
             with scratch.write(f"{stage.NAME}/{UNITS_FILE}") as file:

@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 from zlib import crc32
@@ -27,7 +27,7 @@ MARKER = ".done"
 def publish(path: str | Path) -> Iterator[BinaryIO]:
     """Open `path` for writing; it appears, complete and durable, when the block has ended well."""
     path = Path(path)
-    with _appearing(path) as file:
+    with _appearing(path, path.with_name(path.name + ".wip")) as file:
         yield file
     _sync_folder(path.parent)
 
@@ -62,9 +62,8 @@ def _sync_folder(folder: Path) -> None:
 
 
 @contextmanager
-def _appearing(path: Path, whole: bool = True) -> Iterator[BinaryIO]:
-    """Open `path` for writing; whole : after a crash, too, it has all its bytes or no name."""
-    wip = path.with_name(path.name + ".wip")
+def _appearing(path: Path, wip: Path, whole: bool = True) -> Iterator[BinaryIO]:
+    """Open `wip` for writing, in the end `path`; whole : so that no crash leaves a part of it."""
     try:
         with open(wip, "wb", BUFFER_BYTES) as file:
             yield file
@@ -92,13 +91,19 @@ class Scratch:
     @contextmanager
     def write(self, name: str) -> Iterator[BinaryIO]:
         """Publish a scratch file; its folder is made when missing."""
-        with _appearing(self._place(name)) as file:
+        with self._appearing(name) as file:
             yield file
 
-    def _place(self, name: str) -> Path:
+    def _appearing(self, name: str, whole: bool = True) -> AbstractContextManager[BinaryIO]:
+        """Each process writes under a name of its own: a unit that runs twice at once is whole."""
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+        return _appearing(path, path.with_name(f"{path.name}.{os.getpid()}.wip"), whole)
+
+    def drop_half_written(self, stage: str) -> None:
+        """Remove what killed processes left of a stage's files; only while no unit of it runs."""
+        for left in (self.folder / stage).glob("*.wip"):
+            left.unlink()
 
     def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes:
         """`length` bytes of a scratch file from `offset`, all the rest when None.
@@ -142,7 +147,7 @@ class Scratch:
             "crcs": {name: _crc32(self.folder / name) for name in files},
             "counts": dict(counts),
         }
-        with _appearing(self._place(_marker(unit)), whole=False) as file:
+        with self._appearing(_marker(unit), whole=False) as file:
             file.write(json.dumps(record, sort_keys=True).encode())
 
     def done(self, unit: Unit, paranoid: bool = False) -> dict[str, Any] | None:

@@ -1,0 +1,84 @@
+"""Each operation of a small job on its disk fails in turn: one line, status 3, nothing lost."""
+
+import errno
+import os
+import re
+
+import pytest
+from faults.disk import Told
+
+ERRORS = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EACCES)
+WRITING = ("open", "write", "fsync", "rename")
+
+
+def failing(number: int, error: int) -> Told:
+    """A disk whose operation `number` fails; a write does not know the name of its file."""
+
+    def told(at: int, operation: str, path: str) -> None:
+        if at == number:
+            names = () if operation in ("write", "fsync") else (path,)
+            raise OSError(error, os.strerror(error), *names)
+
+    return told
+
+
+def try_all(tiny, numbers, errors_of) -> None:
+    """Let each of these operations fail with each of its errors, and run again."""
+    published = tiny.log.index(("rename", str(tiny.output)))
+    for number in numbers:
+        for error in errors_of(number):
+            trial = f"{number}: {tiny.log[number]} fails with {errno.errorcode[error]}"
+            tiny.empty()
+            code, said = tiny.build_on(failing(number, error))
+            assert code == 3, f"{trial}: {said}"
+            assert re.fullmatch(rf"gstream: .*{os.strerror(error)} in .*\n", said), trial
+            assert "run the same command again to resume" in said, trial
+            assert tiny.held() == (None if number <= published else tiny.whole), trial
+            again = ("--force",) if number > published else ()
+            assert tiny.build(*again) == (0, ""), trial
+            assert tiny.held() == tiny.whole, trial
+            assert os.listdir(tiny.place) == [tiny.output.name], trial
+
+
+@pytest.mark.parametrize("operation", WRITING)
+def test_any_failing_operation_stops_the_job_which_resumes_to_the_same_bytes(tiny, operation):
+    try_all(tiny, tiny.numbers(operation), lambda number: [ERRORS[number % len(ERRORS)]])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: errno.errorcode[error])
+def test_any_failing_operation_with_any_error_stops_the_job(tiny, error):
+    try_all(tiny, tiny.numbers(*WRITING), lambda _: [error])
+
+
+@pytest.mark.long
+def test_any_failing_read_stops_the_job_which_resumes_to_the_same_bytes(tiny):
+    try_all(tiny, tiny.numbers("read"), lambda _: [errno.EIO])
+
+
+def test_a_failing_disk_leaves_the_old_output_whole(tiny):
+    published = tiny.log.index(("rename", str(tiny.output)))
+    for number in [n for n in tiny.numbers(*WRITING) if abs(n - published) < 20]:
+        tiny.empty()
+        tiny.output.write_bytes(b"old")
+        code, _ = tiny.build_on(failing(number, errno.ENOSPC), "--force")
+        assert code == 3
+        assert tiny.held() == (b"old" if number <= published else tiny.whole)
+        assert tiny.build("--force") == (0, "")
+        assert tiny.held() == tiny.whole
+
+
+def test_a_disk_that_takes_half_of_every_write_gives_the_same_bytes(tiny):
+    tiny.empty()
+    assert tiny.build_on(lambda *_: None, half=True) == (0, "")
+    assert tiny.held() == tiny.whole
+
+
+@pytest.mark.parametrize("old", [None, b"old"])
+def test_at_every_moment_of_a_build_the_output_is_the_old_one_or_the_new(tiny, old):
+    tiny.empty()
+    if old is not None:
+        tiny.output.write_bytes(old)
+    seen = []
+    assert tiny.build_on(lambda *_: seen.append(tiny.held()), "--force") == (0, "")
+    assert set(seen) == {old, tiny.whole}
