@@ -9,19 +9,20 @@ import os
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any, cast
 
 from gstream import __version__
-from gstream.errors import StoppedError, UsageError
+from gstream.errors import RefusedError, StoppedError, UsageError
 from gstream.grid import MAX_RESOLUTION, check_snap_bits
 from gstream.job import IngestSettings, Job, VoxelizeSettings
 from gstream.read import open_block_file
 from gstream.run.budget import DiskNeed, check_disk, disk_of_ingest, disk_of_voxelize, plan_memory
 from gstream.run.jobs import read_record, size_of
 from gstream.run.journal import Identity, fingerprint, folder_name, job_folder
-from gstream.run.local import disk_errors
+from gstream.run.local import RESUME, disk_errors
 from gstream.run.paths import check_paths, scratch_place
 from gstream.run.pipeline import RunReport, Stage, run_job
 from gstream.run.progress import (
@@ -129,7 +130,7 @@ class Request:
     def _run(self, tell: Progress) -> RunReport:
         needs = self.disk()
         tell(Note(f"disk: {_expected(needs)}"))
-        self._check_disk(needs)
+        self._check_disk(needs, size_of(self.folder))
         output = os.path.abspath(self.output)
         place = Job(str(self.folder), output, self._stream())
         options = {
@@ -158,7 +159,26 @@ class Request:
             )
             modules = [importlib.import_module(f"gstream.stages.{name}") for name in self.stages]
             stages = cast(Sequence[Stage], modules)
-            return run_job(job, stages, tell, workers, self.options.paranoid)
+
+            ended = partial(self._look_again, stages, tell)
+            return run_job(job, stages, tell, workers, self.options.paranoid, ended)
+
+    def _look_again(self, stages: Sequence[Stage], tell: Progress, ended: Stage) -> None:
+        """When ingest ends in a job that goes on: tell better what voxelizing its stream takes.
+
+        errors : StoppedError when it does not fit
+        """
+        if self.ingest is None or self.voxelize is None or ended is not stages[len(INGEST) - 1]:
+            return
+        from gstream.run.estimate import disk_of_stream
+
+        needs = [disk_of_stream(self._stream(), self.voxelize)]
+        tell(Note(f"disk: {_expected(needs)}, beside the stream"))
+        held = sum(size_of(self.folder / stage.NAME) for stage in stages[len(INGEST) :])
+        try:
+            self._check_disk(needs, held)
+        except RefusedError as error:
+            raise StoppedError(error.said, f"{error.remedy}, then {RESUME}") from error
 
     def describe(self) -> Iterable[str]:
         """The plan and its estimates, for --dry-run; nothing is written."""
@@ -173,12 +193,16 @@ class Request:
         yield f"scratch  {self.folder}"
         needs = self.disk()
         yield f"disk     {_expected(needs)}"
-        self._check_disk(needs)
+        self._check_disk(needs, size_of(self.folder))
 
-    def _check_disk(self, needs: Sequence[DiskNeed]) -> None:
+    def _check_disk(self, needs: Sequence[DiskNeed], held: int) -> None:
+        """held : bytes of what an earlier run of the job has written.
+
+        errors : RefusedError when there is less than needed
+        """
         folder = os.path.dirname(os.path.abspath(self.output))
         scratch = sum(n.scratch for n in needs) + sum(n.output for n in needs[:-1])
-        scratch -= size_of(self.folder)  # of an earlier run of the job
+        scratch -= held
         output = needs[-1].output if needs else 0
         free = shutil.disk_usage(self.tmp).free
         if os.stat(self.tmp).st_dev == os.stat(folder).st_dev:

@@ -6,7 +6,7 @@ work is the business of `local.py`.
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from time import perf_counter
@@ -79,11 +79,13 @@ def run_job(
     progress: Progress | None = None,
     workers: int | None = None,
     paranoid: bool = False,
+    ended: Callable[[Stage], None] = lambda stage: None,
 ) -> RunReport:
     """Run `stages` in order over `job`, skipping units that are already done.
 
     workers : processes to use when not `job.workers`, which a resumed job keeps for its plan
     paranoid : trust what an earlier run has done only after reading it
+    ended : called after each stage; what it raises ends the job
     errors : StoppedError when stopped by a signal, a full disk or a unit that keeps dying;
         whatever GstreamError a unit raises
     """
@@ -95,7 +97,7 @@ def run_job(
         memory = stack.enter_context(MemorySampler(lambda used, peak: tell(Memory(used, peak))))
         with Workers(count) as pool:
             running = _Running(job, pool, tell, memory, paranoid)
-            reports = tuple(running.run(stage) for stage in stages)
+            reports = tuple(running.run(stage, ended) for stage in stages)
     return RunReport(
         output=job.output,
         output_bytes=os.path.getsize(job.output),
@@ -118,7 +120,7 @@ class _Running:
     memory: MemorySampler
     paranoid: bool
 
-    def run(self, stage: Stage) -> StageReport:
+    def run(self, stage: Stage, ended: Callable[[Stage], None]) -> StageReport:
         started, usage = perf_counter(), tree_usage(os.getpid())
         with disk_errors(self.job, f"stage {stage.NAME}"), Scratch(self.job) as scratch:
             scratch.drop_half_written(stage.NAME)
@@ -150,6 +152,7 @@ class _Running:
             counts=dict(summary.counts),
         )
         self.tell(StageEnds(stage.NAME, report.seconds, report.usage, report.peak_memory))
+        ended(stage)
         return report
 
     def _begin(self, stage: Stage, units: Sequence[Unit], pending: Sequence[Unit]) -> None:
