@@ -226,7 +226,7 @@ def test_scratch_and_output_on_one_volume_need_it_together(tmp_path, monkeypatch
     asked = request(tmp_path, tmp=str(tmp_path / "tmp"))
     with monkeypatch.context() as patched:
         patched.setattr(commands.os, "stat", of_other_volumes)
-        asked._check_disk(asked.disk())
+        asked._check_disk(asked.disk(), 0)
 
 
 @pytest.mark.parametrize("use", [status, clean, lambda path: commands.resume(path, {})])
