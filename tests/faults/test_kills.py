@@ -1,0 +1,126 @@
+"""A job with two workers is killed at random moments: all of it, or one worker, again and again."""
+
+import json
+import os
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+import pytest
+from e2e.meshes import sphere, write_ply
+
+from gstream_cli.main import status
+
+WORKERS = 2
+SETTINGS = ("--resolution", 160, "--block", 16, "--cell", 16, "--chunk", 200, "--quiet")
+MOST_KILLS = 3  # of one run: a unit that is hit by three is left out
+STUCK_SECONDS = 120
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A job to kill, and what it makes when nobody does."""
+
+    folder: Path
+    whole: bytes
+    units: int
+    seconds: float  # that it takes
+
+    @property
+    def output(self) -> Path:
+        return self.folder / "out.gsb"
+
+    def start(self) -> int:
+        """A run in a process group of its own; forked, as importing everything takes longer."""
+        child = os.fork()
+        if child:
+            return child
+        code = 1
+        try:
+            os.setsid()
+            os.dup2(os.open(self.folder / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
+            arguments = ("build", self.folder / "s.ply", "-o", self.output, *SETTINGS)
+            more = ("--workers", WORKERS, "--report", self.folder / "report")
+            code = status([str(argument) for argument in (*arguments, *more)])
+        finally:
+            os._exit(code)
+
+    def wait(self, child: int, seconds: float) -> int | None:
+        """Its status when it ends within that time; whoever looks at the output sees it whole."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            ended, how = os.waitpid(child, os.WNOHANG)
+            if self.output.exists():
+                assert self.output.read_bytes() == self.whole
+            if ended:
+                return os.waitstatus_to_exitcode(how)
+            time.sleep(0.002)
+        return None
+
+    def done(self) -> int:
+        return len(list(self.folder.glob(f"gstream-{'?' * 16}/*/*.done")))
+
+    def executed(self) -> int:
+        stages = json.loads((self.folder / "report").read_text())["stages"]
+        return sum(stage["units"] - stage["resumed"] for stage in stages)
+
+
+@pytest.fixture(scope="module")
+def target(tmp_path_factory) -> Target:
+    folder = tmp_path_factory.mktemp("kills")
+    write_ply(folder / "s.ply", *sphere(80))
+    first = Target(folder, b"", 0, 0.0)
+    for _ in range(2):  # the second does not compile
+        first.output.unlink(missing_ok=True)
+        began = time.monotonic()
+        assert os.waitpid(first.start(), 0)[1] == 0, (folder / "said").read_text()
+        seconds = time.monotonic() - began
+    target = Target(folder, first.output.read_bytes(), first.executed(), seconds)
+    target.output.unlink()
+    return target
+
+
+def workers_of(pid: int) -> list[int]:
+    tasks = Path(f"/proc/{pid}/task")
+    try:
+        return [int(c) for task in tasks.iterdir() for c in (task / "children").read_text().split()]
+    except FileNotFoundError:
+        return []
+
+
+def disturb(target: Target, child: int, random: Random) -> tuple[int, int | None]:
+    """Kill at random moments until the run is over; how often, and its status."""
+    kills = 0
+    while kills < MOST_KILLS:
+        ended = target.wait(child, random.uniform(0, target.seconds))
+        if ended is not None:
+            return kills, ended
+        kills += 1
+        workers = workers_of(child)
+        if not workers or random.random() < 0.6:
+            os.killpg(child, signal.SIGKILL)
+            break
+        os.kill(random.choice(workers), signal.SIGKILL)
+    ended = target.wait(child, STUCK_SECONDS)
+    assert ended is not None, "the run is stuck"
+    return kills, ended
+
+
+@pytest.mark.parametrize("wanted", [40, pytest.param(1000, marks=pytest.mark.long)])
+def test_random_kills_change_no_byte_and_what_was_done_is_not_done_again(target, wanted):
+    random, kills, jobs = Random(wanted), 0, 0
+    while kills < wanted or jobs == 0:
+        done = target.done()
+        more, ended = disturb(target, target.start(), random)
+        kills += more
+        assert ended in (0, -signal.SIGKILL), (target.folder / "said").read_text()
+        if target.output.exists():  # a kill after that may leave the job's folder
+            assert target.output.read_bytes() == target.whole
+            target.output.unlink()
+            jobs += 1
+        if ended == 0:
+            assert target.executed() <= target.units - done + 2 * WORKERS
+            assert not list(target.folder.glob("gstream-*"))
+    print(f"{kills} kills, {jobs} jobs finished")
