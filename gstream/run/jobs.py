@@ -50,8 +50,12 @@ class JobStatus:
 
 
 def read_record(folder: Path) -> Record:
-    """errors : UsageError for a folder that is no job's"""
-    record = Record.read(folder)
+    """errors : UsageError for a folder that is no job's, or cannot be read"""
+    try:
+        record = Record.read(folder)
+    except OSError as error:
+        said = f"{error.filename}: cannot be read: {os.strerror(error.errno or 0)}"
+        raise UsageError(said, "check its permissions") from error
     if record is None:
         if not folder.exists():
             said = f"{folder}: is not there"

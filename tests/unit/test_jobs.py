@@ -240,6 +240,13 @@ def test_a_folder_of_somebody_else_is_left_alone(tmp_path, use):
     assert (tmp_path / "gstream-0123456789abcdef/job.json").exists()
 
 
+def test_a_folder_that_cannot_be_read_is_left_alone(tmp_path):
+    (tmp_path / "job.json").mkdir()
+    for use in (status, clean):
+        with pytest.raises(UsageError, match=r"job\.json: cannot be read: Is a directory"):
+            use(tmp_path)
+
+
 def test_a_removed_job_leaves_its_inputs_and_nothing_else(stopped, tmp_path):
     (tmp_path / "a.gst.wip").write_bytes(bytes(1000))
     held = status(stopped).scratch_bytes
