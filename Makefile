@@ -11,7 +11,7 @@ READY := .venv/.ready
 
 export HYPOTHESIS_PROFILE
 
-.PHONY: demo test exact fuzz bounds lint spec bench clean
+.PHONY: demo test exact fuzz chaos bounds lint spec bench clean
 .DEFAULT_GOAL := demo
 
 demo: $(READY)
@@ -32,6 +32,10 @@ exact: $(READY)
 # Hostile files: the bombs, and a million damaged ones or as many as MUTANTS says.
 fuzz: $(READY)
 	MUTANTS=$(MUTANTS) $(BIN)/python -m pytest tests/fuzz -s -m "long or not long"
+
+# Faults: a thousand random kills, every error at every operation; tests/faults/README.md.
+chaos: $(READY)
+	$(BIN)/python -m pytest tests/faults -s -m "long or not long"
 
 # Index checks in every kernel; slow, as all kernels are compiled anew (tests/conftest.py says why).
 bounds: $(READY)
