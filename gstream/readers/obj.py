@@ -1,5 +1,6 @@
 """OBJ, spilled: vertices as f8, polygons as fans, vertex colours, normals, and Kd of materials."""
 
+import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -208,7 +209,11 @@ class _Reading:
         if corners is None or not vertices:
             return None, 0
         path = self.spill("normals")
-        of_vertex = np.memmap(path, "<f4", "w+", shape=(vertices, 3))
+        with open(
+            path, "wb"
+        ) as file:  # a disk that is full tells it here: a map's writer is killed
+            os.posix_fallocate(file.fileno(), 0, 12 * vertices)
+        of_vertex = np.memmap(path, "<f4", "r+", shape=(vertices, 3))
         given, lost = directions.map(), 0
         for first in range(0, triangles.shape[0], ROWS):
             ids = corners.map()[first : first + ROWS].ravel()

@@ -3,6 +3,8 @@
 import errno
 import os
 import re
+import subprocess
+import sys
 
 import pytest
 from faults.disk import Told
@@ -82,3 +84,27 @@ def test_at_every_moment_of_a_build_the_output_is_the_old_one_or_the_new(tiny, o
     seen = []
     assert tiny.build_on(lambda *_: seen.append(tiny.held()), "--force") == (0, "")
     assert set(seen) == {old, tiny.whole}
+
+
+FULL = """
+import sys
+from pathlib import Path
+from gstream.readers import open_mesh
+try:
+    open_mesh(Path("a.obj"), lambda label: Path(sys.argv[1], label))
+except OSError as error:
+    print(error.errno, Path(sys.argv[1], "normals").exists())
+"""
+
+
+def test_a_disk_without_room_for_mapped_normals_is_an_error_and_no_signal(tmp_path):
+    lines = ["v 0 1 2"] * 99_999 + ["vn 0 0 1"]  # all but normals takes 3.2 MB, they take 1.2
+    lines += [f"f {i}//1 {i + 1}//1 {i + 2}//1" for i in range(1, 99_999, 3)]
+    (tmp_path / "a.obj").write_text("\n".join(lines))
+    (tmp_path / "disk").mkdir()
+    mount = "mount -t tmpfs -o size=4m none disk"
+    run = ["unshare", "-Urm", "sh", "-c", f'{mount} && "$0" -c "$1" disk', sys.executable, FULL]
+    done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, check=False)
+    if "not permitted" in done.stderr or "denied" in done.stderr:
+        pytest.skip("this user may not mount a tmpfs")
+    assert done.stdout.split() == [str(errno.ENOSPC), "True"], done.stderr
