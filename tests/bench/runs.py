@@ -92,13 +92,19 @@ def ingest(place: Place, name: str, mesh: Path, stream: Path) -> Run:
 
 
 def voxelize(
-    place: Place, name: str, stream: Path, resolution: int, edge: float | None = None
+    place: Place,
+    name: str,
+    stream: Path,
+    resolution: int,
+    edge: float | None = None,
+    cell: int = 256,
 ) -> Run:
     """Voxelize a stream; the block file is removed."""
     report, output = place.folder / "report.json", place.folder / "scene.gsb"
-    asked = ("--resolution", str(resolution), "--sep", place.sep, "--report", report)
-    need = disk_of_stream(str(stream), VoxelizeSettings(resolution=resolution, sep=place.sep))
-    cost = expect("voxelize", stream, "-o", output, *asked, *place.options)
+    settings = VoxelizeSettings(resolution=resolution, sep=place.sep, cell=cell)
+    need = disk_of_stream(str(stream), settings)
+    asked = ("--resolution", str(resolution), "--sep", place.sep, "--cell", str(cell))
+    cost = expect("voxelize", stream, "-o", output, *asked, "--report", report, *place.options)
     output.unlink()
     estimated = need.scratch + need.output
     return _run(name, "voxelize", stream, report, cost, resolution, edge, estimated)

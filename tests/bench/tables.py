@@ -11,7 +11,7 @@ from tests.bench.slopes import TRIANGLES, Slope
 
 MIB = 1 << 20
 EXTRAPOLATED = 10**9  # triangles
-FARTHEST = 300  # times the largest measured
+FARTHEST = 40  # times the largest measured
 
 
 def number(value: float | None, digits: int = 2) -> str:
@@ -37,8 +37,8 @@ def speed_table(runs: Iterable[Run], memory: int) -> str:
                 f"{run.voxels:,}" if run.voxels else "",
                 number(run.cpu_s),
                 number(run.wall_s),
-                number(run.triangles / 1e6 / run.cpu_s),
-                number(run.voxels / 1e6 / run.cpu_s) if run.voxels else "",
+                number(run.triangles / 1e6 / run.cpu_s, 3),
+                number(run.voxels / 1e6 / run.cpu_s, 3) if run.voxels else "",
                 number(run.scratch_bytes / run.triangles, 1),
                 number(run.output_bytes / run.triangles, 1),
                 number(per(run.output_bytes, run.voxels)),
@@ -134,7 +134,7 @@ def peer_table(rows: Iterable[dict[str, Any]]) -> str:
                     row["what"],
                     f"{row['voxels']:,}" if "voxels" in row else "",
                     *(number(row[key]) for key in ("cpu_s", "wall_s")),
-                    number(rate),
+                    number(rate, 3),
                     number(row["peak_bytes"] / MIB, 0),
                     number(per(run.voxels / 1e6 / run.cpu_s, rate), 1) if "ours" in row else "",
                 ]

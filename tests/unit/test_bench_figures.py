@@ -1,6 +1,7 @@
 """What the benchmarks compute from their measurements, beside values computed by hand."""
 
 import math
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -10,7 +11,14 @@ from tests.bench.ladder import Ladder, Step, resolution_of_edge
 from tests.bench.meshes import Sphere
 from tests.bench.runs import Run
 from tests.bench.slopes import slopes
-from tests.bench.tables import disk_table, peer_table, share_table, speed_table, stage_table
+from tests.bench.tables import (
+    disk_table,
+    peer_table,
+    share_table,
+    slope_table,
+    speed_table,
+    stage_table,
+)
 
 
 def stage(name: str, cpu: float, read: int, written: int) -> dict[str, object]:
@@ -137,7 +145,7 @@ def last_row(table: str) -> str:
 
 def test_speed_is_per_cpu_second_and_size_per_triangle_and_voxel() -> None:
     run = run_of(2_000_000, 4, edge=3.0)
-    expected = "8,000,000 | 4.00 | 3.00 | 0.50 | 2.00 | 5.0 | 10.0 | 2.50 | 100 |"
+    expected = "8,000,000 | 4.00 | 3.00 | 0.500 | 2.000 | 5.0 | 10.0 | 2.50 | 100 |"
     label = "| voxelize sphere 2000000 at 1024^3, edge 3 | "
     assert last_row(speed_table([run], 1 << 30)) == label + expected
 
@@ -158,6 +166,16 @@ def test_a_stage_is_beside_what_its_bytes_need_and_what_its_workers_could() -> N
     assert last_row(stage_table(run_of(1000, 1.6), RATE)) == expected
 
 
+def test_nothing_is_extrapolated_from_less_than_a_fortieth() -> None:
+    def told(largest: int) -> str:
+        # 2 s a million triangles: 10^9 take 2,000 s
+        runs = [run_of(size, size * 2e-6, edge=1.0) for size in (1_000_000, largest)]
+        return last_row(slope_table(islice(slopes(runs, {}), 1)))
+
+    assert told(25_000_000).endswith("| 1.000 | 1.000 | 2,000 |")
+    assert told(24_000_000).endswith("| 1.000 | 1.000 |  |")
+
+
 def test_a_peer_is_compared_in_voxels_per_cpu_second() -> None:
     run = run_of(1_000_000, 2)
     peer = {"what": "p", "voxels": 5_000_000, "cpu_s": 20, "wall_s": 21, "peak_bytes": 7 << 20}
@@ -165,7 +183,7 @@ def test_a_peer_is_compared_in_voxels_per_cpu_second() -> None:
     rows = peer_table([peer | {"ours": run}, failed | {"ours": run}]).splitlines()[-3:]
     mesh = "| sphere 1000000 at 1024^3 |"
     assert rows == [
-        f"{mesh} gstream | 4,000,000 | 2.00 | 3.00 | 2.00 | 100 |  |",
-        f"{mesh} p | 5,000,000 | 20.00 | 21.00 | 0.25 | 7 | 8.0 |",
+        f"{mesh} gstream | 4,000,000 | 2.00 | 3.00 | 2.000 | 100 |  |",
+        f"{mesh} p | 5,000,000 | 20.00 | 21.00 | 0.250 | 7 | 8.0 |",
         f"{mesh} q | exit code 1: no |  |  |  |  |  |",
     ]
