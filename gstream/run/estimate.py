@@ -22,6 +22,9 @@ SAMPLED_CHUNKS: Final = 16  # 20 ms each
 # Bytes of file per voxel of level 0, all levels and columns: five scans and a noisy sphere have 4.0
 # to 5.3 where voxels are 6-separating, four of them 3.4 to 4.5 where they are not.
 FILE_BYTES: Final = {"6": 4.7, "26": 3.9, "conservative": 3.9}
+# Where blocks see one triangle, most have one normal, and directory rows are half of the piles.
+FLAT_BYTES: Final = {"6": 0.64, "26": 0.33, "conservative": 0.33}
+FLAT_PILES: Final = 2.0
 COLOUR_BYTES: Final = 2.2  # of a photograph; a block of one colour stores none
 PILES: Final = (
     1.07  # of the file's bytes: the same payloads with their rows, and weights for levels
@@ -42,7 +45,7 @@ def disk_of_stream(path: str, settings: VoxelizeSettings) -> DiskNeed:
     box = ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
     grid = grid_of_stream(box, reader.metadata, settings)
     cell = max(settings.cell, settings.block, -(-grid.resolution // 256))
-    faces = references = large = 0.0
+    faces = flat = references = large = 0.0
     triangles = varied = 0
     for chunk in _sample(reader):
         points: NDArray[Any] = chunk.positions.astype(np.float64)
@@ -50,11 +53,14 @@ def disk_of_stream(path: str, settings: VoxelizeSettings) -> DiskNeed:
         corners = (corners - np.array(grid.origin)) / grid.voxel_size
         first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         seen = np.abs(np.cross(first, second)) / 2  # area along each axis
-        faces += float((seen.max(axis=1) if settings.sep == "6" else seen.sum(axis=1)).sum())
+        voxels = seen.max(axis=1) if settings.sep == "6" else seen.sum(axis=1)
         extent = corners.max(axis=1) - corners.min(axis=1)
         small = (extent < cell / 2).all(axis=1)
+        faces += float(voxels[small].sum())
+        flat += float(voxels[~small].sum())
         references += float((1 + extent[small] / cell).prod(axis=1).sum())
-        large += float((1 + extent[~small] / cell).prod(axis=1).sum())
+        cells = seen[~small].sum(axis=1) / cell**2 + extent[~small].sum(axis=1) / cell + 1
+        large += float(cells.sum())
         triangles += len(corners)
         if chunk.colours is not None and (chunk.colours != chunk.colours[0]).any():
             varied += len(corners)
@@ -67,8 +73,9 @@ def disk_of_stream(path: str, settings: VoxelizeSettings) -> DiskNeed:
     presorted = references * (INDEX_BYTES + VERTEX_BYTES * shared + words)
     presorted += large * (CORNER_BYTES + words)
     per_voxel = FILE_BYTES[settings.sep] + COLOUR_BYTES * varied / max(triangles, 1)
-    output = faces * share * per_voxel
-    return DiskNeed(scratch=int(presorted * share + PILES * output), output=int(output))
+    rough, even = faces * share * per_voxel, flat * share * FLAT_BYTES[settings.sep]
+    scratch = presorted * share + PILES * rough + FLAT_PILES * even
+    return DiskNeed(scratch=int(scratch), output=int(rough + even))
 
 
 def _sample(reader: StreamReader) -> Iterator[Chunk]:

@@ -13,19 +13,20 @@ from gstream.job import IngestSettings, Job, VoxelizeSettings
 from gstream.run import commands
 from gstream.run.estimate import disk_of_stream
 from gstream.run.pipeline import run_job
-from tests.bench.meshes import write_sphere
+from tests.bench.meshes import write_sphere, write_triangle
 
 
 @pytest.fixture(scope="module")
 def streams(tmp_path_factory):
-    """A rough sphere of 100,000 triangles, and a smooth one with a picture on it."""
+    """A rough sphere of 100,000 triangles, a smooth one with a picture on it, one triangle."""
     folder = tmp_path_factory.mktemp("streams")
     write_sphere(folder / "rough.ply", 100_000)
     points, triangles = sphere(100)
     colours = np.random.default_rng(1).integers(0, 256, (len(points), 3)).astype(np.uint8)
     write_coloured_ply(folder / "coloured.ply", points, colours, triangles)
+    write_triangle(folder / "triangle.ply")
     options = commands.RunOptions(workers=0)
-    for name in ("rough", "coloured"):
+    for name in ("rough", "coloured", "triangle"):
         settings = IngestSettings((str(folder / f"{name}.ply"),))
         commands.ingest(settings, str(folder / f"{name}.gst"), options).run()
     return folder
@@ -48,6 +49,7 @@ def voxelized(stream, folder, settings):
         ("rough", VoxelizeSettings(resolution=160)),  # 0.8 voxels a triangle
         ("rough", VoxelizeSettings(resolution=512, sep="26")),
         ("coloured", VoxelizeSettings(resolution=512)),
+        ("triangle", VoxelizeSettings(resolution=2048)),
     ],
 )
 def test_the_estimate_is_within_a_quarter_of_what_is_used(streams, tmp_path, name, settings):
