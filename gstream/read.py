@@ -141,9 +141,10 @@ class BlockFile:
 
     def read_range(self, offset: int, length: int) -> bytes:
         """Exactly `length` bytes; a shorter read means a truncated file (GSB-0102)."""
-        begin, end = self.head.head_bytes, self.head.head_bytes + self._opening_bytes
-        if self._ranges.distant and begin <= offset and offset + length <= end:
-            self.load_opening()
+        if self._ranges.distant:
+            begin, end = self.head.head_bytes, self.head.head_bytes + self._opening_bytes
+            if begin <= offset and offset + length <= end:
+                self.load_opening()
         return self._ranges.read(offset, length)
 
     @property
@@ -157,7 +158,7 @@ class BlockFile:
 
     def read_payload(self, entry: Any, offset: int, length: int) -> bytes:
         """Stored bytes of a block's column; from afar, in a run with others that will be wanted."""
-        if self._ranges.distant and length and not self._ranges.holds(offset, length):
+        if self._ranges.distant and not self._ranges.holds(offset, length):
             around = [run for run in self._ahead if run[0] <= offset and offset + length <= run[1]]
             if not around:
                 rows = self.directory.siblings(int(entry["level"]), int(entry["key"]))
@@ -337,7 +338,7 @@ class BlockView:
         # One call for the eight fields of a column record: each field alone costs as much.
         entry = self.entry[self.file.specs[name].field]
         offset, stored, raw, crc, constant, codec, filter_id, _ = entry.item()
-        data = self.file.read_payload(self.entry, offset, stored)
+        data = self.file.read_payload(self.entry, offset, stored) if stored else b""
         if data and crc32(data) != crc:
             self.file.refuse_changed()
             said = f"column {name} of block {self.key}, level {self.level}, does not match its CRC"

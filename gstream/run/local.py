@@ -67,7 +67,7 @@ def disk_errors(job: Job, where: str) -> Iterator[None]:
             raise
         place = error.filename or _fullest(job)
         denied = error.errno in (errno.EACCES, errno.EROFS)
-        remedy = "allow writing there" if denied else "free some space or give another --tmp"
+        remedy = "allow writing there" if denied else "free some space"
         said = f"{place}: {os.strerror(error.errno or 0)} in {where}"
         raise StoppedError(said, f"{remedy}, then {RESUME}") from error
     except MemoryError as error:
