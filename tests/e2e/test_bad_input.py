@@ -1,15 +1,17 @@
 """What is wrong with an input or a path is one line, the documented exit code, and no output."""
 
+import contextlib
 import json
 import os
 import shutil
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from e2e.meshes import Floats, Ints, sphere, write_ply
-from e2e.program import fail, gstream, succeed
+from e2e.program import PROGRAM, fail, gstream, succeed
 
 HEAD = (
     "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
@@ -128,22 +130,52 @@ def nested_spheres() -> tuple[Floats, Ints]:
     )
 
 
+def fill(disk: Path) -> Path:
+    """A file that takes all that is left of a file system."""
+    filler = disk / "filler"
+    with contextlib.suppress(OSError), filler.open("wb", buffering=0) as file:
+        while True:
+            file.write(bytes(1 << 12))
+    return filler
+
+
 def test_a_disk_that_fills_up_stops_the_job_which_then_resumes(tmp_path, small_disk: Path):
-    write_ply(tmp_path / "spheres.ply", *nested_spheres())  # more voxels than the estimate expects
+    write_ply(tmp_path / "spheres.ply", *nested_spheres())
     plain = ("build", "spheres.ply", "--resolution", 256, *QUIETLY)
     succeed(tmp_path, *plain, "-o", "plain.gsb")
+    subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=True)
     arguments = (*plain, "-o", small_disk / "out.gsb", "--tmp", small_disk)
-    line = fail(tmp_path, 3, *arguments)
+    command = [str(PROGRAM), *map(str, arguments)]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as job:
+        while not list(small_disk.glob("gstream-*/3-presort/*.done")):  # the estimate did fit
+            assert job.poll() is None
+            time.sleep(0.01)
+        filler = fill(small_disk)
+        line = job.communicate()[1]
+    assert job.returncode == 3
+    assert line.count("\n") == 1
     assert "No space left on device" in line
     assert "run the same command again to resume" in line
     assert str(small_disk) in line
     assert not (small_disk / "out.gsb").exists()
     assert not list(small_disk.glob("*.wip"))
     assert list(small_disk.glob("gstream-*/job.json"))
-    subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=True)
+    filler.unlink()
     succeed(tmp_path, *arguments)
     assert (small_disk / "out.gsb").read_bytes() == (tmp_path / "plain.gsb").read_bytes()
     assert [path.name for path in small_disk.iterdir()] == ["out.gsb"]
+
+
+def test_a_disk_that_a_stream_cannot_fit_stops_the_job_when_that_is_known(
+    tmp_path, small_disk: Path
+):
+    write_ply(tmp_path / "spheres.ply", *nested_spheres())  # more voxels than the size tells
+    arguments = ("build", "spheres.ply", "--resolution", 256, *QUIETLY, "-o", small_disk / "a.gsb")
+    line = fail(tmp_path, 3, *arguments)
+    assert "scratch with the output needs about" in line
+    subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=True)
+    succeed(tmp_path, *arguments)
+    assert [path.name for path in small_disk.iterdir()] == ["a.gsb"]
 
 
 def test_a_disk_that_is_plainly_too_small_is_refused_before_the_start(tmp_path, small_disk: Path):

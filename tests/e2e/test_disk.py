@@ -1,14 +1,11 @@
 """What is said of disk before the start is what it takes."""
 
 import importlib
-import shutil
 
 import numpy as np
 import pytest
 from e2e.meshes import sphere, write_coloured_ply
 
-from gstream import check
-from gstream.errors import StoppedError
 from gstream.job import IngestSettings, Job, VoxelizeSettings
 from gstream.run import commands
 from gstream.run.estimate import disk_of_stream
@@ -63,23 +60,3 @@ def test_triangles_that_share_vertices_take_at_most_16_bytes_of_scratch(streams,
     settings = VoxelizeSettings(resolution=160)
     report, scratch, output = voxelized(str(streams / "rough.gst"), tmp_path, settings)
     assert scratch <= 16 * report.stages[0].counts["triangles"] + 1.3 * output
-
-
-def test_a_disk_too_small_for_the_stream_s_voxels_stops_the_job_after_ingest(
-    streams, tmp_path, monkeypatch
-):
-    output = tmp_path / "scene.gsb"
-    ingest = IngestSettings((str(streams / "rough.ply"),))
-    voxels = VoxelizeSettings(resolution=512, sep="26")  # about 8 MB of scratch and output
-    options = commands.RunOptions(workers=0)
-    request = commands.build(ingest, voxels, str(output), options)
-    before = sum(need.scratch + need.output for need in request.disk())  # from the mesh's size
-    usage = shutil.disk_usage(tmp_path)._replace(free=before)
-    with monkeypatch.context() as patch:
-        patch.setattr(shutil, "disk_usage", lambda path: usage)
-        with pytest.raises(StoppedError, match="scratch with the output needs about"):
-            request.run()
-    assert not output.exists()
-    report = request.run()
-    assert {s.stage: s.resumed for s in report.stages}["2-ingest"] == 1
-    assert check(output).ok
