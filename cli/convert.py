@@ -140,6 +140,8 @@ def run(request: Request, values: dict[str, Any]) -> None:
         with publish(values["report"]) as file:
             file.write(json.dumps(report, indent=1, sort_keys=True).encode() + b"\n")
     if not values["quiet"]:
+        if not report["stages"]:
+            click.echo(f"{request.output}: was finished by an earlier run", err=True)
         table(report)
 
 

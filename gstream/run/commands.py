@@ -34,6 +34,7 @@ from gstream.run.progress import (
     Stopped,
     silent,
 )
+from gstream.run.publish import is_finished, sync_folder
 
 INGEST = ("spill", "ingest")
 VOXELIZE = ("presort", "voxelize", "merge", "simplify", "pack")
@@ -128,10 +129,11 @@ class Request:
         return report
 
     def _run(self, tell: Progress) -> RunReport:
-        needs = self.disk()
-        tell(Note(f"disk: {_expected(needs)}"))
-        self._check_disk(needs, size_of(self.folder))
         output = os.path.abspath(self.output)
+        if not self._finished():
+            needs = self.disk()
+            tell(Note(f"disk: {_expected(needs)}"))
+            self._check_disk(needs, size_of(self.folder))
         place = Job(str(self.folder), output, self._stream())
         options = {
             "workers": self.workers,
@@ -159,9 +161,16 @@ class Request:
             )
             modules = [importlib.import_module(f"gstream.stages.{name}") for name in self.stages]
             stages = cast(Sequence[Stage], modules)
-
+            if self._finished():
+                sync_folder(os.path.dirname(output))
+                stages = ()
             ended = partial(self._look_again, stages, tell)
             return run_job(job, stages, tell, workers, self.options.paranoid, ended)
+
+    def _finished(self) -> bool:
+        """Whether the output is there, made by an earlier run of this job that was stopped then."""
+        output = os.path.abspath(self.output)
+        return not self.options.restart and is_finished(self.folder, output)
 
     def _look_again(self, stages: Sequence[Stage], tell: Progress, ended: Stage) -> None:
         """When ingest ends in a job that goes on: tell better what voxelizing its stream takes.
@@ -225,7 +234,7 @@ def ingest(settings: IngestSettings, output: str, options: RunOptions) -> Reques
 
     errors : UsageError for any path or option that cannot work
     """
-    check_paths(settings.inputs, output, options.tmp, options.force)
+    check_paths(settings.inputs, output, options.tmp, options.force, options.restart)
     return Request(INGEST, settings.inputs, output, options, ingest=settings)
 
 
@@ -235,7 +244,7 @@ def voxelize(stream: str, settings: VoxelizeSettings, output: str, options: RunO
     errors : UsageError for any path or option that cannot work
     """
     check_voxelize(settings)
-    check_paths((stream,), output, options.tmp, options.force)
+    check_paths((stream,), output, options.tmp, options.force, options.restart)
     return Request(VOXELIZE, (stream,), output, options, voxelize=settings)
 
 
@@ -247,7 +256,7 @@ def build(
     errors : UsageError for any path or option that cannot work
     """
     check_voxelize(voxels)
-    check_paths(settings.inputs, output, options.tmp, options.force)
+    check_paths(settings.inputs, output, options.tmp, options.force, options.restart)
     stages = (*INGEST, *VOXELIZE)
     return Request(stages, settings.inputs, output, options, ingest=settings, voxelize=voxels)
 
@@ -259,7 +268,7 @@ def simplify(blockfile: str, output: str, options: RunOptions) -> Request:
 
     errors : UsageError for any path or option that cannot work; CorruptFileError
     """
-    check_paths((blockfile,), output, options.tmp, options.force)
+    check_paths((blockfile,), output, options.tmp, options.force, options.restart)
     with open_block_file(blockfile) as file:
         held, columns = file.header, file.columns
     settings = VoxelizeSettings(
@@ -293,7 +302,7 @@ def resume(folder: Path, changes: Mapping[str, Any]) -> Request:
         raise UsageError(said, "move it back")
     options = RunOptions(**{**record.options, "tmp": os.path.dirname(record.folder), **changes})
     paths = tuple(path for path, _ in held.inputs)
-    check_paths(paths, held.output, options.tmp, options.force)
+    check_paths(paths, held.output, options.tmp, options.force, options.restart)
     ingest, voxels = held.settings["ingest"], held.settings["voxelize"]
     if ingest:
         bounds = ingest["bounds"] and tuple(ingest["bounds"])

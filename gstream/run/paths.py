@@ -2,14 +2,20 @@
 
 import os
 from collections.abc import Sequence
+from pathlib import Path
 
 from gstream.errors import UsageError
 from gstream.run.journal import folder_name
+from gstream.run.publish import is_finished
 from gstream.source import is_url
 
 
-def check_paths(inputs: Sequence[str], output: str, tmp: str | None, force: bool) -> None:
-    """Check what a job needs; tmp, force : as in RunOptions.
+def check_paths(
+    inputs: Sequence[str], output: str, tmp: str | None, force: bool, restart: bool
+) -> None:
+    """Check what a job needs; tmp, force, restart : as in RunOptions.
+
+    An output that a job stopped right after making it is no obstacle to that job.
 
     errors : UsageError for inputs that cannot be read and outputs that cannot be written
     """
@@ -18,12 +24,12 @@ def check_paths(inputs: Sequence[str], output: str, tmp: str | None, force: bool
     for path in inputs:
         _check_input(path, output)
     place = scratch_place(output, tmp)
+    left = Path(place, folder_name(output))
     try:
-        _check_output(output, force, folder=False)
+        _check_output(output, force or (is_finished(left, output) and not restart), folder=False)
     except UsageError as error:
-        left = os.path.join(place, folder_name(output))  # by a run killed between output and end
-        more = f", or drop what was left when it was made: gstream clean {left}"
-        raise UsageError(error.said, error.remedy + more * os.path.exists(left)) from None
+        more = f", or drop what an earlier run has left: gstream clean {left}"
+        raise UsageError(error.said, error.remedy + more * left.exists()) from None
     check_folder(place, "the folder for scratch" if tmp else "$TMPDIR")
 
 

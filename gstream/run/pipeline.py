@@ -60,7 +60,7 @@ class RunReport:
 
     output: str
     output_bytes: int
-    stages: tuple[StageReport, ...]
+    stages: tuple[StageReport, ...]  # none where an earlier run had finished the output
     warm_seconds: float  # of all stages
     seconds: float  # wall clock, all of it
     usage: Usage  # of all stages and what is between them

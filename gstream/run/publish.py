@@ -21,15 +21,37 @@ from gstream.job import Job, Unit
 BUFFER_BYTES = 1 << 18  # columns of a few KB go to the system by the dozen
 UNITS_FILE = "units.json"  # in a stage's folder: how many units it has, for `gstream status`
 MARKER = ".done"
+OUTPUT_FILE = "output.json"  # in the job's folder: which file is given the output's name
 
 
 @contextmanager
-def publish(path: str | Path) -> Iterator[BinaryIO]:
-    """Open `path` for writing; it appears, complete and durable, when the block has ended well."""
+def publish(path: str | Path, job: Job | None = None) -> Iterator[BinaryIO]:
+    """Open `path` for writing; it appears, complete and durable, when the block has ended well.
+
+    job : whose output it is; what stops the job after this is known to have stopped a finished one
+    """
     path = Path(path)
     with _appearing(path, path.with_name(path.name + ".wip")) as file:
         yield file
-    _sync_folder(path.parent)
+        if job is not None:
+            file.flush()
+            with publish(Path(job.folder) / OUTPUT_FILE) as note:
+                note.write(json.dumps(_file_identity(os.fstat(file.fileno()))).encode())
+    sync_folder(path.parent)
+
+
+def is_finished(folder: Path, output: str) -> bool:
+    """Whether the file that has the output's name is the one that the job of `folder` made."""
+    try:
+        noted = json.loads((folder / OUTPUT_FILE).read_bytes())
+        return bool(noted == _file_identity(os.stat(output)))
+    except (FileNotFoundError, ValueError):
+        return False
+
+
+def _file_identity(found: os.stat_result) -> list[int]:
+    """What a rename keeps."""
+    return [found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns]
 
 
 @contextmanager
@@ -49,11 +71,12 @@ def publish_folder(path: str | Path) -> Iterator[Path]:
     except BaseException:
         shutil.rmtree(wip, ignore_errors=True)
         raise
-    _sync_folder(path.parent)
+    sync_folder(path.parent)
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: str | Path) -> None:
+    """Make the names in a folder durable."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

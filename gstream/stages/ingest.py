@@ -86,7 +86,7 @@ def finish(job: Job) -> Summary:
                 sources[unit.data[0]][key] += count[key]
         _refuse_nothing(meshes, sums)
         Path(job.stream).parent.mkdir(parents=True, exist_ok=True)
-        with publish(job.stream) as file:
+        with publish(job.stream, job) as file:
             writer = StreamWriter(file, _attributes(meshes), _metadata(_settings(job)))
             for unit in units:
                 for data in _encoded(scratch, _part(unit)):

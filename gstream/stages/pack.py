@@ -49,7 +49,7 @@ def work(job: Job, unit: Unit) -> None:
 
         if scene.weighted and keep and not settings.keep_weights:
             _seal_weights(rows, fetch)
-        with publish(job.output) as file:
+        with publish(job.output, job) as file:
             write_block_file(
                 file,
                 _header(scene, settings),

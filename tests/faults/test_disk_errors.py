@@ -1,6 +1,7 @@
 """Each operation of a small job on its disk fails in turn: one line, status 3, nothing lost."""
 
 import errno
+import json
 import os
 import re
 import subprocess
@@ -36,8 +37,7 @@ def try_all(tiny, numbers, errors_of) -> None:
             assert re.fullmatch(rf"gstream: .*{os.strerror(error)} in .*\n", said), trial
             assert "run the same command again to resume" in said, trial
             assert tiny.held() == (None if number <= published else tiny.whole), trial
-            again = ("--force",) if number > published else ()
-            assert tiny.build(*again) == (0, ""), trial
+            assert tiny.build() == (0, ""), trial
             assert tiny.held() == tiny.whole, trial
             assert os.listdir(tiny.place) == [tiny.output.name], trial
 
@@ -58,16 +58,58 @@ def test_any_failing_read_stops_the_job_which_resumes_to_the_same_bytes(tiny):
     try_all(tiny, tiny.numbers("read"), lambda _: [errno.EIO])
 
 
-def test_a_failing_disk_leaves_the_old_output_whole(tiny):
+def test_a_job_that_is_stopped_when_its_output_is_there_is_done_without_another_unit(tiny):
     published = tiny.log.index(("rename", str(tiny.output)))
-    for number in [n for n in tiny.numbers(*WRITING) if abs(n - published) < 20]:
+    report = tiny.place / "report"
+    for number in [n for n in tiny.numbers(*WRITING) if n > published]:
+        tiny.empty()
+        assert tiny.build_on(failing(number, errno.EIO))[0] == 3
+        made = tiny.output.stat()
+        assert tiny.build("--report", report) == (0, "")
+        assert json.loads(report.read_text())["stages"] == []
+        assert tiny.output.stat() == made
+        assert tiny.held() == tiny.whole
+        assert tiny.build()[0] == 2, "it is an output like any other now"
+
+
+@pytest.mark.parametrize(
+    ("meanwhile", "more", "said"),
+    [
+        ("the output is another file", (), "exists already; add --force"),
+        ("", ("--restart",), "exists already; add --force"),
+        ("", ("--sep", "26"), "sep 6, now 26"),
+    ],
+)
+def test_an_output_that_is_not_what_the_stopped_job_made_is_kept(tiny, meanwhile, more, said):
+    published = tiny.log.index(("rename", str(tiny.output)))
+    tiny.empty()
+    assert tiny.build_on(failing(published + 1, errno.EIO))[0] == 3
+    if meanwhile:
+        other = tiny.place / "other"
+        other.write_bytes(tiny.whole)
+        other.replace(tiny.output)
+    made = tiny.output.stat()
+    code, line = tiny.build(*more)
+    assert (code, said in line) == (2, True), line
+    assert tiny.output.stat() == made
+
+
+def test_a_failing_disk_leaves_the_old_output_whole(tiny):
+    log = []
+
+    def build(told: Told) -> int:
         tiny.empty()
         tiny.output.write_bytes(b"old")
-        code, _ = tiny.build_on(failing(number, errno.ENOSPC), "--force")
-        assert code == 3
-        assert tiny.held() == (b"old" if number <= published else tiny.whole)
-        assert tiny.build("--force") == (0, "")
-        assert tiny.held() == tiny.whole
+        return tiny.build_on(told, "--force")[0]
+
+    assert build(lambda _, *operation: log.append(operation)) == 0
+    published = log.index(("rename", str(tiny.output)))
+    for number in range(published - 20, published + 6):
+        if log[number][0] in WRITING:
+            assert build(failing(number, errno.ENOSPC)) == 3
+            assert tiny.held() == (b"old" if number <= published else tiny.whole)
+            assert tiny.build("--force") == (0, "")
+            assert tiny.held() == tiny.whole
 
 
 def test_a_disk_that_takes_half_of_every_write_gives_the_same_bytes(tiny):

@@ -42,7 +42,7 @@ class Target:
             os.setsid()
             os.dup2(os.open(self.folder / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
             arguments = ("build", self.folder / "s.ply", "-o", self.output, *SETTINGS)
-            more = ("--workers", WORKERS, "--report", self.folder / "report")
+            more = ("--tmp", self.folder, "--workers", WORKERS, "--report", self.folder / "report")
             code = status([str(argument) for argument in (*arguments, *more)])
         finally:
             os._exit(code)
