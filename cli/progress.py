@@ -4,7 +4,16 @@ import sys
 import time
 from typing import Self, TextIO
 
-from gstream.run.progress import Event, Memory, Note, StageBegins, StageEnds, Start, UnitDone
+from gstream.run.progress import (
+    Event,
+    Memory,
+    Note,
+    StageBegins,
+    StageEnds,
+    Start,
+    UnitDone,
+    UnitLeftOut,
+)
 
 from .pace import STALL_SECONDS, Pace, clock
 
@@ -39,6 +48,8 @@ class Lines:
                 left = self._pace.job_left
                 job = f"; job: about {clock(left)} left" if left is not None else ""
                 self._say(f"{self._stage}: {self._pace}{job}")
+            case UnitLeftOut():
+                self._say(_left_out(event), 0.0)
             case StageEnds():
                 self._say(f"{event.stage}: done in {event.seconds:.1f} s")
             case Memory() if self._pace.stalled is not None:
@@ -94,12 +105,18 @@ class Bars:
                 said = f"about {clock(left)} left" if left is not None else ""
                 self._bars.update(self._job, completed=self._pace.job_part, said=said)
                 self._bars.update(self._stage, completed=self._pace.part, said=str(self._pace))
+            case UnitLeftOut():
+                self._bars.console.print(_left_out(event), highlight=False, markup=False)
             case StageEnds():
                 said = f"{self._pace.done}/{self._pace.units} units"
                 self._bars.update(self._stage, completed=1.0, said=said)
                 self._bars.update(self._job, completed=self._pace.job_part)
             case Memory() if self._pace.stalled is not None:
                 self._bars.update(self._stage, said=str(self._pace))
+
+
+def _left_out(event: UnitLeftOut) -> str:
+    return f"{event.stage}: unit {event.unit} keeps killing its worker ({event.cause}), left out"
 
 
 class Quiet:

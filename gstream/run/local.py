@@ -33,6 +33,7 @@ DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EACCES, errno.EROFS}
 
 
 Finished = Callable[[Unit, float], None]  # told of each unit that is done, and its seconds
+LeftOut = Callable[[Unit, str], None]  # told of each unit that is not tried again, and its cause
 
 
 class WorkingStage(Protocol):
@@ -163,9 +164,15 @@ class Workers:
         self._workers.clear()
 
     def run(
-        self, stage: WorkingStage, job: Job, units: Sequence[Unit], done: Finished, lone: bool
+        self,
+        stage: WorkingStage,
+        job: Job,
+        units: Sequence[Unit],
+        done: Finished,
+        left_out: LeftOut,
+        lone: bool,
     ) -> None:
-        """Run every unit; `done` is called in this process after each.
+        """Run every unit; `done` or `left_out` is called in this process after each.
 
         lone : the stage has no other unit: it is not worth 2 s of starting a worker. One that an
             earlier run has left over is, as it may be what that run died of
@@ -182,7 +189,7 @@ class Workers:
                 self._workers[index] = Worker()
         while len(self._workers) < wanted:
             self._workers.append(Worker())
-        _Round(self._workers, stage, job, units, done).play()
+        _Round(self._workers, stage, job, units, done, left_out).play()
 
 
 def _run_here(stage: WorkingStage, job: Job, units: Sequence[Unit], done: Finished) -> None:
@@ -203,8 +210,10 @@ class _Round:
         job: Job,
         units: Sequence[Unit],
         done: Finished,
+        left_out: LeftOut,
     ) -> None:
-        self._workers, self._units, self._done = workers, units, done
+        self._workers, self._units = workers, units
+        self._done, self._left_out = done, left_out
         self._stage, self._job = stage.__name__, job
         self._schedule = Schedule(units, len(workers))
         self._ends: dict[int, int] = {}  # how the last worker of a unit ended, of those that died
@@ -217,7 +226,7 @@ class _Round:
             for index in [i for i, worker in enumerate(self._workers) if worker.pipe in ready]:
                 self._hear(index)
         if self._schedule.quarantined:
-            raise self._left_out()
+            raise self._incomplete()
 
     def _hear(self, index: int) -> None:
         """Take in what worker `index` has sent: an outcome, or the end of its pipe."""
@@ -240,6 +249,8 @@ class _Round:
         self._tell(Died(index))
         if unit is not None:
             self._ends[unit] = dead.process.returncode
+            if unit in self._schedule.quarantined:
+                self._left_out(self._units[unit], _cause(dead.process.returncode))
             self._workers[index] = Worker()
             self._tell(Ready(index))
 
@@ -250,7 +261,7 @@ class _Round:
                 message = (self._stage, self._job, self._units[run.unit])
                 self._workers[run.worker].pipe.send(message)
 
-    def _left_out(self) -> StoppedError:
+    def _incomplete(self) -> StoppedError:
         """What to say of the units that are quarantined."""
         poison = [(self._units[unit], self._ends[unit]) for unit in self._schedule.quarantined]
         names = ", ".join(f"{unit.name} (by {_cause(status)})" for unit, status in poison)

@@ -21,6 +21,7 @@ from gstream.run.progress import (
     StageBegins,
     StageEnds,
     UnitDone,
+    UnitLeftOut,
     in_turn,
     silent,
 )
@@ -137,7 +138,10 @@ class _Running:
             unit_seconds += seconds
             self.tell(UnitDone(stage.NAME, unit.cost, seconds, unit.name))
 
-        self.pool.run(stage, self.job, pending, done, lone=len(units) == 1)
+        def left_out(unit: Unit, cause: str) -> None:
+            self.tell(UnitLeftOut(stage.NAME, unit.name, cause))
+
+        self.pool.run(stage, self.job, pending, done, left_out, lone=len(units) == 1)
         with disk_errors(self.job, f"stage {stage.NAME}"):
             summary = stage.finish(self.job)
         report = StageReport(

@@ -61,6 +61,16 @@ class UnitDone:
 
 
 @dataclass(frozen=True, slots=True)
+class UnitLeftOut:
+    """A unit has killed so many workers that it is not tried again; the stage's others are."""
+
+    NAME: ClassVar = "unit_left_out"
+    stage: str
+    unit: str
+    cause: str  # how the last worker ended: `signal 9`
+
+
+@dataclass(frozen=True, slots=True)
 class StageEnds:
     """All units are done and the stage has counted them."""
 
@@ -110,7 +120,17 @@ class End:
 
 
 Event = (
-    Note | Start | Resumed | StageBegins | UnitDone | StageEnds | Memory | Stopped | Failed | End
+    Note
+    | Start
+    | Resumed
+    | StageBegins
+    | UnitDone
+    | UnitLeftOut
+    | StageEnds
+    | Memory
+    | Stopped
+    | Failed
+    | End
 )
 Progress = Callable[[Event], None]  # told of one event at a time, from any thread
 

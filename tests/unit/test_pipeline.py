@@ -22,7 +22,7 @@ from gstream.run.budget import (
 )
 from gstream.run.local import UnitError
 from gstream.run.pipeline import run_job
-from gstream.run.progress import Event, Memory, Resumed, StageBegins, StageEnds
+from gstream.run.progress import Event, Memory, Resumed, StageBegins, StageEnds, UnitLeftOut
 from gstream.run.usage import tree_memory, tree_usage
 from unit import toy_stage
 
@@ -117,10 +117,13 @@ LEFT_OUT = (
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_unit_that_kills_three_workers_is_named_when_all_others_are_done(tmp_path, workers):
+    told: list[Event] = []
     with pytest.raises(StoppedError, match=LEFT_OUT):
-        run_job(toy_job(tmp_path, how="die", workers=workers), [toy_stage])
+        run_job(toy_job(tmp_path, how="die", workers=workers), [toy_stage], told.append)
     assert sorted(calls(tmp_path)) == ["u0", "u2", "u3", "u4", "u5"]
     assert not (tmp_path / "out.txt").exists()
+    left_out = [event for event in told if isinstance(event, UnitLeftOut)]
+    assert left_out == [UnitLeftOut("toy", "u1", "signal 9")]
 
 
 def test_a_rerun_tries_the_unit_that_was_left_out_alone_and_outlives_it(tmp_path):

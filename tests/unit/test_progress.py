@@ -23,6 +23,7 @@ from gstream.run.progress import (
     StageEnds,
     Start,
     UnitDone,
+    UnitLeftOut,
     in_turn,
 )
 from gstream.run.usage import Usage
@@ -154,6 +155,14 @@ def test_lines_say_when_no_unit_was_finished_for_ten_seconds(capsys, clock):
         "4-voxelize: 1/2 units, the last one was finished 0:10 ago",
         "4-voxelize: 2/2 units, 3.2/min, 0:00 left",
     ]
+
+
+@pytest.mark.parametrize("watcher", [lambda: Lines(sys.stderr), Bars])
+def test_a_unit_that_is_left_out_is_told_of_at_once(capsys, clock, watcher):
+    with watcher() as shown:
+        shown(StageBegins("4-voxelize", 2, 2.0))
+        shown(UnitLeftOut("4-voxelize", "000007", "signal 9"))
+    assert "unit 000007 keeps killing its worker (signal 9), left out" in capsys.readouterr().err
 
 
 def test_bars_say_when_no_unit_was_finished_for_ten_seconds(capsys, clock):
