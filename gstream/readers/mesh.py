@@ -64,6 +64,7 @@ class Mesh:
     faces: int = 0  # faces as the file counts them
     skipped_faces: int = 0  # faces with fewer than 3 vertices, points, lines
     notes: Mapping[str, int] = field(default_factory=dict)  # what else was left out, and how often
+    beside: tuple[str, ...] = ()  # absolute paths that the file names, read or looked for
 
     @property
     def vertex_count(self) -> int:
@@ -92,4 +93,4 @@ class Mesh:
                 array = fields[key]
                 array["shape"], array["strides"] = tuple(array["shape"]), tuple(array["strides"])
                 fields[key] = DiskArray(**array)
-        return cls(**fields)
+        return cls(**{**fields, "beside": tuple(fields["beside"])})

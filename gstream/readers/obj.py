@@ -17,6 +17,7 @@ from gstream.readers.text_blocks import TextBlocks
 
 ROWS = 1 << 16  # vertices, normals and triangles per batch
 SLOW = 1 << 15
+MAX_LIBRARIES = 1 << 12  # whose names are kept, 4 KB each at most
 WHITE = (255, 255, 255, 255)
 NAN = float("nan")
 REMEDY = "correct the line, or export the OBJ file again"
@@ -44,6 +45,7 @@ class _Materials:
     known: dict[bytes, mtl.Colour] = field(default_factory=dict)
     missing: int = 0
     outside: int = 0
+    named: set[str] = field(default_factory=set)  # paths of libraries, be they there or not
 
     def use(self, name: bytes) -> int:
         if name not in self.numbers and len(self.numbers) < mtl.MAX_MATERIALS:
@@ -53,9 +55,11 @@ class _Materials:
     def load(self, names: bytes) -> None:
         """Read the libraries of a mtllib line: one name with spaces, or several names."""
         whole = mtl.inside(self.folder, names)
+        self._note(whole)
         several = [part.replace(b"\\ ", b" ") for part in re.split(rb"(?<!\\)\s+", names)]
         for name in [names] if whole is not None and whole.is_file() else several:
             path = mtl.inside(self.folder, name)
+            self._note(path)
             if path is None:
                 self.outside += 1
             elif not path.is_file():
@@ -65,6 +69,10 @@ class _Materials:
                     self.known.update(mtl.read_colours(path))
                 except OSError:
                     self.missing += 1
+
+    def _note(self, path: Path | None) -> None:
+        if path is not None and len(self.named) < MAX_LIBRARIES:
+            self.named.add(str(path))
 
     def palette(self) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.bool_]]:
         """Colours (m + 1, 4) by number, and which of them are known."""
@@ -201,6 +209,7 @@ class _Reading:
             faces=int(state[kernel.FACES]),
             skipped_faces=int(state[kernel.SKIPPED]),
             notes={key: count for key, count in notes.items() if count},
+            beside=tuple(sorted(self.materials.named)),
         )
 
     def _normals(self, triangles: DiskArray, vertices: int) -> tuple[DiskArray | None, int]:

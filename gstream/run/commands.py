@@ -20,8 +20,9 @@ from gstream.grid import MAX_RESOLUTION, check_snap_bits
 from gstream.job import IngestSettings, Job, VoxelizeSettings
 from gstream.read import open_block_file
 from gstream.run.budget import DiskNeed, check_disk, disk_of_ingest, disk_of_voxelize, plan_memory
+from gstream.run.fingerprint import fingerprint
 from gstream.run.jobs import read_record, size_of
-from gstream.run.journal import Identity, fingerprint, folder_name, job_folder
+from gstream.run.journal import Identity, folder_name, job_folder
 from gstream.run.local import RESUME, disk_errors
 from gstream.run.paths import check_paths, scratch_place
 from gstream.run.pipeline import RunReport, Stage, run_job

@@ -6,7 +6,7 @@ State is only files that appeared through `publish`: `job.json` here, done marke
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -15,11 +15,10 @@ from typing import Any, Self
 
 from gstream.errors import GstreamError, RefusedError, StoppedError, UsageError
 from gstream.run.budget import MemoryPlan, plan_memory
+from gstream.run.fingerprint import agree, fingerprint_if_any
 from gstream.run.local import LOCK_FILE, locked_folder
-from gstream.run.publish import publish
+from gstream.run.publish import BESIDE, publish
 
-SAMPLES = 64  # blocks hashed between head and tail
-SAMPLE_BYTES = 65_536
 PLAN_FILE = "job.json"
 
 
@@ -69,7 +68,7 @@ class Identity:
         earlier, later = dict(self.inputs), dict(now.inputs)
         for path in dict.fromkeys((*earlier, *later)):
             was, is_ = earlier.get(path, "no input"), later.get(path, "no input")
-            if not _agree(was, is_):
+            if not agree(was, is_):
                 changes.append(f"{path} was {was}, is {is_}")
         if not changes and [path for path, _ in self.inputs] != [path for path, _ in now.inputs]:
             changes.append("the inputs are in another order")
@@ -82,34 +81,6 @@ def folder_name(output: str) -> str:
     So a job whose inputs or settings were changed meets its earlier folder, and is refused.
     """
     return f"gstream-{blake2b(os.path.abspath(output).encode(), digest_size=8).hexdigest()}"
-
-
-def fingerprint(path: str | Path, whole: bool = False) -> str:
-    """Size and hash of a file's head, tail and 64 blocks between; no times.
-
-    whole : followed by the hash of all of it
-    """
-    size = os.path.getsize(path)
-    last = size - SAMPLE_BYTES
-    everything = range(0, size, SAMPLE_BYTES)
-    few = size <= (SAMPLES + 2) * SAMPLE_BYTES
-    sampled = everything if few else [last * i // (SAMPLES + 1) for i in range(SAMPLES + 2)]
-    print_ = f"{size}-{_hash(path, sampled)}"
-    return f"{print_}-{_hash(path, everything)}" if whole else print_
-
-
-def _hash(path: str | Path, offsets: Sequence[int]) -> str:
-    digest = blake2b(digest_size=16)
-    with open(path, "rb") as file:
-        for at in offsets:
-            file.seek(at)
-            digest.update(file.read(SAMPLE_BYTES))
-    return digest.hexdigest()
-
-
-def _agree(was: str, is_: str) -> bool:
-    """Whether two fingerprints are of one file, as far as both tell: one may be of samples."""
-    return was.startswith(is_) or is_.startswith(was)
 
 
 def _differing(earlier: Identity, now: Identity) -> str:
@@ -214,12 +185,21 @@ def _ways_on(path: Path) -> str:
 
 
 def _refuse_changes(path: Path, earlier: Identity, now: Identity) -> None:
-    changes = earlier.changes(now)
+    changes = [*earlier.changes(now), *_changes_beside(path)]
     if changes:
         said = (
             f"{path}: an earlier run of this job was stopped, and since then {'; '.join(changes)}"
         )
         raise UsageError(said, "put that back to resume, or add --restart to start over")
+
+
+def _changes_beside(path: Path) -> Iterator[str]:
+    """What is different now in files that the inputs name, and that were read with them."""
+    for note in sorted(path.glob(f"*/*{BESIDE}")):
+        for name, was in json.loads(note.read_bytes()).items():
+            is_ = fingerprint_if_any(name)
+            if was != is_:
+                yield f"{name} was {was}, is {is_}"
 
 
 def _fitting(earlier: MemoryPlan, memory: int, workers: int) -> int:

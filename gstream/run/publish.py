@@ -21,6 +21,7 @@ from gstream.job import Job, Unit
 BUFFER_BYTES = 1 << 18  # columns of a few KB go to the system by the dozen
 UNITS_FILE = "units.json"  # in a stage's folder: how many units it has, for `gstream status`
 MARKER = ".done"
+BESIDE = ".beside"  # a unit's: fingerprints of files that an input names, by absolute path
 OUTPUT_FILE = "output.json"  # in the job's folder: which file is given the output's name
 
 

@@ -1,5 +1,6 @@
 """Stage 1: every input becomes a mesh of arrays on disk, mapped where it lies or spilled."""
 
+import json
 from collections import Counter
 from pathlib import Path
 
@@ -7,7 +8,8 @@ from gstream.errors import StoppedError, UsageError
 from gstream.job import IngestSettings, Job, Summary, Unit, scratch_name
 from gstream.readers import needs_spill, open_mesh
 from gstream.readers.warm import warm_readers
-from gstream.run.publish import Scratch
+from gstream.run.fingerprint import fingerprint_if_any
+from gstream.run.publish import BESIDE, Scratch
 
 NAME = "1-spill"
 UNIT_MEMORY = 64 << 20  # bytes of blocks and batches; measured: below 50 MiB over an idle process
@@ -54,6 +56,10 @@ def _open(scratch: Scratch, unit: Unit) -> None:
     kept = [name for name in names if mesh.lies_in(scratch.path(name))]
     for name in set(names) - set(kept):
         scratch.path(name).unlink(missing_ok=True)
+    if mesh.beside:
+        with scratch.write(scratch_name(NAME, f"{index}{BESIDE}")) as file:
+            found = {name: fingerprint_if_any(name) for name in mesh.beside}
+            file.write(json.dumps(found).encode())
     described = scratch_name(NAME, f"{index}.json")
     with scratch.write(described) as file:
         file.write(mesh.to_json())

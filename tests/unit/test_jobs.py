@@ -169,6 +169,41 @@ def test_a_job_whose_input_has_changed_is_refused_with_both_fingerprints(stopped
         assert request(tmp_path, restart=True).run().stages[1].resumed == 0
 
 
+OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n"
+RED, BLUE = "newmtl m\nKd 1 0 0\n", "newmtl m\nKd 0 0 1\n"
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "said"),
+    [
+        (RED, BLUE, r"a\.mtl was 18-[0-9a-f]{32}, is 18-[0-9a-f]{32}; put that back"),
+        (None, RED, r"a\.mtl was no file, is 18-"),
+        (RED, None, r"a\.mtl was 18-[0-9a-f]{32}, is no file;"),
+    ],
+)
+def test_a_job_whose_input_s_colours_have_changed_is_refused(
+    tmp_path, monkeypatch, no_tmpdir, before, now, said
+):
+    def write(text: str | None) -> None:
+        (tmp_path / "a.mtl").unlink(missing_ok=True)
+        if text is not None:
+            (tmp_path / "a.mtl").write_text(text)
+
+    (tmp_path / "a.obj").write_text(OBJ)
+    source, output = IngestSettings((str(tmp_path / "a.obj"),)), str(tmp_path / "a.gst")
+    write(before)
+    with monkeypatch.context() as patched:
+        patched.setattr(ingest, "finish", stop)
+        with pytest.raises(StoppedError):
+            commands.ingest(source, output, RunOptions(workers=0)).run()
+    write(now)
+    again = commands.ingest(source, output, RunOptions(workers=0))
+    with pytest.raises(UsageError, match=said):
+        again.run()
+    write(before)
+    assert again.run().stages[0].resumed == 1
+
+
 def test_a_paranoid_resume_repeats_a_unit_whose_bytes_were_damaged(stopped, tmp_path, whole):
     part = stopped / "2-ingest/00000-0000000.part"
     data = bytearray(part.read_bytes())

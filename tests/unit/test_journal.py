@@ -8,15 +8,8 @@ import pytest
 
 from gstream.errors import InputError, RefusedError, StoppedError, UsageError
 from gstream.run.budget import MIB, plan_memory
-from gstream.run.journal import (
-    SAMPLE_BYTES,
-    SAMPLES,
-    Identity,
-    JobFolder,
-    fingerprint,
-    folder_name,
-    job_folder,
-)
+from gstream.run.fingerprint import SAMPLE_BYTES, SAMPLES, fingerprint
+from gstream.run.journal import Identity, JobFolder, folder_name, job_folder
 
 GIB = 1 << 30
 

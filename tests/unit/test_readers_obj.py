@@ -105,6 +105,12 @@ def test_libraries_are_found_by_every_spelling_of_their_name(path, library):
     assert mesh.notes == {}
 
 
+def test_libraries_are_named_with_the_mesh_whether_they_are_there_or_not(path):
+    (path.parent / "b.mtl").write_text("newmtl m\nKd 1 1 0\n")
+    mesh = read(path, f"mtllib a b.mtl\nmtllib ../c.mtl\n{SQUARE}f 1 2 3")
+    assert mesh.beside == tuple(str(path.parent / name) for name in ("a", "a b.mtl", "b.mtl"))
+
+
 def test_a_missing_library_is_tolerated_and_counted(path):
     mesh = read(path, f"mtllib none.mtl\n{SQUARE}usemtl m\nf 1 2 3")
     assert mesh.triangle_colours is None
