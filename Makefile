@@ -23,7 +23,7 @@ demo: $(READY)
 	$(BIN)/gstream preview demo/skull.gsb -o demo/skull.png --force
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 # The exact tests with their long part, of nightly size: tests/exact/README.md says what it holds.
 exact: $(READY)
