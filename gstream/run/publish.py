@@ -22,7 +22,7 @@ BUFFER_BYTES = 1 << 18  # columns of a few KB go to the system by the dozen
 UNITS_FILE = "units.json"  # in a stage's folder: how many units it has, for `gstream status`
 MARKER = ".done"
 BESIDE = ".beside"  # a unit's: fingerprints of files that an input names, by absolute path
-OUTPUT_FILE = "output.json"  # in the job's folder: which file is given the output's name
+OUTPUT_FILE = "output.json"  # in the job's folder: the files that were to have the output's name
 
 
 @contextmanager
@@ -36,18 +36,26 @@ def publish(path: str | Path, job: Job | None = None) -> Iterator[BinaryIO]:
         yield file
         if job is not None:
             file.flush()
+            known = [*_made(job.folder), _file_identity(os.fstat(file.fileno()))]
             with publish(Path(job.folder) / OUTPUT_FILE) as note:
-                note.write(json.dumps(_file_identity(os.fstat(file.fileno()))).encode())
+                note.write(json.dumps(known).encode())
     sync_folder(path.parent)
 
 
-def is_finished(folder: Path, output: str) -> bool:
-    """Whether the file that has the output's name is the one that the job of `folder` made."""
+def is_finished(folder: str | Path, output: str) -> bool:
+    """Whether the file that has the output's name is one that the job of `folder` made."""
     try:
-        noted = json.loads((folder / OUTPUT_FILE).read_bytes())
-        return bool(noted == _file_identity(os.stat(output)))
-    except (FileNotFoundError, ValueError):
+        return _file_identity(os.stat(output)) in _made(folder)
+    except FileNotFoundError:
         return False
+
+
+def _made(folder: str | Path) -> list[list[int]]:
+    """The outputs that a job has completed; the last one may have no name yet, or never get it."""
+    try:
+        return list(json.loads(Path(folder, OUTPUT_FILE).read_bytes()))
+    except (FileNotFoundError, ValueError):
+        return []
 
 
 def _file_identity(found: os.stat_result) -> list[int]:
