@@ -1,5 +1,6 @@
 """The folder of a stopped job: what it tells, how it is resumed, how it is removed."""
 
+import errno
 import json
 import os
 import re
@@ -11,7 +12,7 @@ import pytest
 
 from gstream.errors import RefusedError, StoppedError, UsageError
 from gstream.job import IngestSettings, VoxelizeSettings
-from gstream.run import commands, jobs
+from gstream.run import commands, jobs, publish
 from gstream.run.budget import DiskNeed
 from gstream.run.commands import Request, RunOptions
 from gstream.run.jobs import clean, status
@@ -127,6 +128,26 @@ def test_a_job_of_relative_paths_is_resumed_from_another_folder(tmp_path, monkey
 
 def stop(*_: object) -> None:
     raise StoppedError("the disk is full", "free some space")
+
+
+@pytest.mark.parametrize("how", ["rerun", "resume"])
+def test_a_stream_that_was_complete_when_its_job_stopped_is_not_written_again(
+    tmp_path, monkeypatch, no_tmpdir, how
+):
+    def fail(folder: Path) -> None:
+        if folder == tmp_path:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    write_stl(tmp_path / "a.stl")
+    with monkeypatch.context() as patched:
+        patched.setattr(publish, "sync_folder", fail)
+        with pytest.raises(StoppedError, match="Input/output error"):
+            request(tmp_path).run()
+    made = (tmp_path / "a.gst").stat()
+    again = request(tmp_path) if how == "rerun" else commands.resume(request(tmp_path).folder, {})
+    assert again.run().stages == ()
+    assert (tmp_path / "a.gst").stat() == made
+    assert sorted(os.listdir(tmp_path)) == ["a.gst", "a.stl"]
 
 
 def test_a_resumed_job_keeps_its_settings_and_takes_other_options(stopped, tmp_path):
