@@ -10,19 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.formats.arithmetic import PLAIN, Arithmetic, Choice
+from gstream.formats.batches import BatchKernels
 from gstream.formats.lodrule import COLOUR_TABLES, U8, U16, U32, Reduced
 
 
 @cache
 def _compiled() -> Arithmetic:
-    from gstream.kernels import filters, lod, morton, octahedral
+    from gstream.kernels import filters, lod, morton, octahedral, octree
 
     def decode_morton(codes: NDArray[Any]) -> U32:
         places: U32 = morton.decode_codes(codes).view(np.uint32)
         return places
 
     def reduce_runs(
-        codes: U32, mask: U8, normal: U16, colour: U8, weight: U32, bits: int, use_weight: bool
+        codes: NDArray[Any],
+        mask: U8,
+        normal: U16,
+        colour: U8,
+        weight: U32,
+        bits: int,
+        use_weight: bool,
     ) -> Reduced:
         return Reduced(
             *lod.reduce_runs(codes, mask, normal, colour, weight, bits, use_weight, COLOUR_TABLES)
@@ -31,10 +38,11 @@ def _compiled() -> Arithmetic:
     return Arithmetic(
         filters,
         decode_morton,
-        morton.tight_bounds,
+        morton.bounds_of_each,
         octahedral.decode_normals,
         octahedral.all_canonical,
         reduce_runs,
+        BatchKernels(filters.undo_filters, octree.decode_octrees),
     )
 
 

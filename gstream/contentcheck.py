@@ -1,9 +1,10 @@
 """Checking the content of a block file: every CRC, column, voxel and level, and the content id.
 
-Memory: a few pages of the directory, a block and its parent.
+Many blocks at once; where something is wrong with one of them, or they are too large for that, one
+after the other. Memory: a few pages of the directory, a block and its parent.
 """
 
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterator, Mapping, Set, Sized
 from hashlib import blake2b
 from itertools import pairwise
 from typing import Final
@@ -12,14 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.errors import CorruptFileError, UnsupportedError
+from gstream.formats.batches import Batch, cut
 from gstream.formats.blockfile import CONTENT_ID_BYTES, canonical_settings, identity_rows
-from gstream.formats.columns import COLUMN_IDS, hash64, raw_column
+from gstream.formats.columns import COLUMN_IDS, hash64, raw_form
 from gstream.formats.directory import STATE_DATA, Rows, group_starts
 from gstream.formats.findings import ERROR, NOTE, Finding, broken
-from gstream.levelcheck import Family
+from gstream.formats.morton import decode_morton
+from gstream.levelcheck import Columns, Comparison, Family, level_columns
 from gstream.read import BlockFile, BlockView
 
 Progress = Callable[[int, int], None]  # blocks checked, blocks in all
+Batches = Mapping[str, Batch]  # columns by name
 
 PIECE: Final = 1 << 20  # voxels; a block of 256^3 has 16 times as many
 
@@ -40,12 +44,13 @@ class Content:
     def findings(self, progress: Progress | None) -> Iterator[Finding]:
         done = 0
         for number in range(self.file.directory.count):
-            entries = self.file.directory.page(number)
-            for first, last in pairwise(group_starts(entries).tolist()):
-                for finding in self._group(entries[first:last]):
-                    self.damaged |= finding.severity == ERROR
-                    yield finding
-                done += last - first
+            for entries in _pieces(self.file.directory.page(number)):
+                if not self._add_sound(entries):
+                    for first, last in pairwise(group_starts(entries).tolist()):
+                        for finding in self._group(entries[first:last]):
+                            self.damaged |= finding.severity == ERROR
+                            yield finding
+                done += len(entries)
                 if progress:
                     progress(done, self.file.head.blocks)
         for name in sorted(self.unreadable):
@@ -57,6 +62,50 @@ class Content:
         same = self.identity.digest() == self.file.head.content_id
         if not (same or self.damaged or self.unreadable):
             yield Finding("GSB-0509", ERROR, "byte 40", "the content id is not that of the content")
+
+    def _add_sound(self, entries: Rows) -> bool:
+        """Check whole groups of a level at once; False, and nothing done, if not all is well."""
+        if self.unreadable:
+            return False
+        level, file = int(entries["level"][0]), self.file
+        rows = entries[entries["state"] == STATE_DATA]
+        batches = file.decode(rows, file.specs)
+        if not (_are_sound(batches, file.specs) and self._are_places(rows, batches)):
+            return False
+        if any(self._meaningless({name: batch.values for name, batch in batches.items()})):
+            return False
+        if level + 1 < file.levels:
+            first, last = int(entries["key"][0]) >> 3, int(entries["key"][-1]) >> 3
+            above = file.directory.between(level + 1, first, last)
+            if not self._make(rows, batches, above[above["state"] == STATE_DATA]):
+                return False
+        hashes = np.zeros((len(entries), len(batches)), np.uint64)
+        columns = [list(batch.hashes()) for batch in batches.values()]
+        hashes[entries["state"] == STATE_DATA] = np.array(columns, np.uint64).T
+        self.identity.update(identity_rows(entries, hashes))
+        return True
+
+    def _are_places(self, rows: Rows, batches: Batches) -> bool:
+        """Whether the bounds of some blocks are those of their voxels, within the level."""
+        codes, counts = batches["occupancy"].values, rows["count"].astype(np.int64)
+        bounds = self.file.arithmetic(0).bounds_of_each(codes, counts)
+        tight = (bounds[:, 0] == rows["low"]).all() and (bounds[:, 1] == rows["high"]).all()
+        last = decode_morton(rows["key"]) * self.file.block_edge + rows["high"]
+        return bool(tight and (last < self._width(int(rows["level"][0]))).all())
+
+    def _make(self, rows: Rows, batches: Batches, parents: Rows) -> bool:
+        """Whether the parents of some blocks are what these make."""
+        held = self.file.decode(parents, batches)
+        if not _are_sound(held, batches):
+            return False
+        log2_edge = self.file.head.settings.block_log2
+        comparison = Comparison(self.file, level_columns(parents, held, log2_edge))
+        comparison.add(level_columns(rows, batches, log2_edge))
+        return not any(comparison.findings(""))
+
+    def _width(self, level: int) -> int:
+        """Voxels per axis of a level."""
+        return -(-self.file.resolution // (1 << level))
 
     def _group(self, entries: Rows) -> Iterator[Finding]:
         """One group of siblings, and the parent that they make."""
@@ -96,14 +145,14 @@ class Content:
                     view.stored(name)
                     self.unreadable.add(name)
                     continue
-                raw = view.octree().data if name == "occupancy" else raw_column(view.column(name))
+                raw = view.octree() if name == "occupancy" else raw_form(view.column(name))
             except CorruptFileError as error:
                 yield broken(error)
                 return
             except UnsupportedError:
                 self.unreadable.add(name)
                 continue
-            hashes[i] = hash64(raw)
+            hashes[i] = hash64(raw.data)
         if "occupancy" not in self.unreadable:
             yield from self._places(view)
         yield from self._values(view)
@@ -111,30 +160,46 @@ class Content:
     def _places(self, view: BlockView) -> Iterator[Finding]:
         place = f"level {view.level}, block {view.key}"
         codes = view.column("occupancy")
-        low, high = self.file.arithmetic(view.count).tight_bounds(codes)
-        if list(low) != view.low.tolist() or list(high) != view.high.tolist():
+        bounds = self.file.arithmetic(view.count).bounds_of_each(codes, np.array([view.count]))
+        low, high = map(tuple, bounds[0].tolist())
+        if low != tuple(view.low) or high != tuple(view.high):
             said = f"the bounds {view.low}-{view.high} are not the voxels' {low}-{high}"
             yield Finding("GSB-0501", ERROR, place, said)
-        width = -(-self.file.resolution // (1 << view.level))
+        width = self._width(view.level)
         edge = self.file.block_edge
         if any(at * edge + last >= width for at, last in zip(view.place, high, strict=True)):
             said = f"a voxel is outside the {width} voxels per axis of its level"
             yield Finding("GSB-0502", ERROR, place, said)
 
     def _values(self, view: BlockView) -> Iterator[Finding]:
-        wrong: dict[str, bool] = {}
-        if "mask" in self._readable:
-            wrong["mask"] = bool((view.mask - np.uint8(1) > 62).any())  # 0 - 1 is 255
-        if "normal" in self._readable:
-            bits, codes = self.file.specs["normal"].bits, view.normal_codes
-            lawful = self.file.arithmetic(view.count).all_canonical
-            cuts = range(0, view.count, PIECE)
-            wrong["normal"] = not all(lawful(codes[at : at + PIECE], bits) for at in cuts)
-        if "weight" in self._readable:
-            wrong["weight"] = not view.weight.all()
-        for name, bad in wrong.items():
-            if bad:
-                place = f"level {view.level}, block {view.key}"
-                yield Finding(
-                    "GSB-0410", ERROR, place, f"column {name} has a value without meaning"
-                )
+        names = [name for name in ("mask", "normal", "weight") if name in self._readable]
+        for name in self._meaningless({name: view.column(name) for name in names}):
+            place = f"level {view.level}, block {view.key}"
+            yield Finding("GSB-0410", ERROR, place, f"column {name} has a value without meaning")
+
+    def _meaningless(self, columns: Columns) -> Iterator[str]:
+        """Which columns have a value that stands for nothing."""
+        if "mask" in columns and (columns["mask"] - np.uint8(1) > 62).any():  # 0 - 1 is 255
+            yield "mask"
+        if "normal" in columns:
+            bits, codes = self.file.specs["normal"].bits, columns["normal"]
+            lawful = self.file.arithmetic(len(codes)).all_canonical
+            cuts = range(0, len(codes), PIECE)
+            if not all(lawful(codes[at : at + PIECE], bits) for at in cuts):
+                yield "normal"
+        if "weight" in columns and not columns["weight"].all():
+            yield "weight"
+
+
+def _are_sound(batches: Batches, wanted: Sized) -> bool:
+    return len(batches) == len(wanted) and all(batch.sound.all() for batch in batches.values())
+
+
+def _pieces(entries: Rows) -> Iterator[Rows]:
+    """Whole groups of one level, with as many voxels as are decoded at once."""
+    for level in np.unique(entries["level"])[::-1]:
+        rows = entries[entries["level"] == level]
+        groups = group_starts(rows)
+        sizes = np.add.reduceat(rows["count"], groups[:-1], dtype=np.int64)
+        for first, last in pairwise(groups[cut(sizes)].tolist()):
+            yield rows[first:last]

@@ -51,7 +51,7 @@ def block_file_content(path: str | os.PathLike[str]) -> dict[str, Any]:
         levels = []
         for level in range(file.levels):
             blocks, voxels, digests = 0, 0, _Digests()
-            for view in file.blocks(level):
+            for view in file.blocks(level, file.columns):
                 blocks += 1
                 voxels += view.count
                 for name, values in _block_values(view):

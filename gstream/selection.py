@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from gstream.errors import UsageError
 from gstream.formats.columns import COLUMN_IDS
-from gstream.read import EVERYWHERE, BlockFile, BlockView, unit_vectors
+from gstream.formats.lodrule import unit_vectors
+from gstream.read import EVERYWHERE, BlockFile, BlockView
 
 Progress = Callable[[int, int], None]  # blocks done, blocks in all
 Array = NDArray[Any]
@@ -60,7 +61,7 @@ class Selection:
         first = np.maximum(low, first).astype(np.int64)
         last = np.minimum(high, last).astype(np.int64)
         made = cls(file, level, first, last, False)
-        for view in made._views():
+        for view in made._views(()):
             made.blocks += 1
             inside = (view.corner + view.low >= first) & (view.corner + view.high <= last)
             made.voxels += (
@@ -85,14 +86,14 @@ class Selection:
 
         done, total : blocks of this pass' beginning and of all passes, for `progress`
         """
-        for view in self._views():
+        for view in self._views(("occupancy", *names)):
             yield from self._cut(view, names)
             done += 1
             progress(done, total or self.blocks)
 
-    def _views(self) -> Iterator[BlockView]:
+    def _views(self, names: Sequence[str]) -> Iterator[BlockView]:
         box = EVERYWHERE if self.whole else (self.first.astype(float), self.last.astype(float))
-        return self.file.blocks_inside(self.level, box)
+        return self.file.blocks_inside(self.level, box, names)
 
     def _cut(self, view: BlockView, names: Sequence[str]) -> Iterator[Piece]:
         codes = view.column("occupancy")

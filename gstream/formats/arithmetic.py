@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gstream.formats import filters
+from gstream.formats.batches import BatchKernels
 from gstream.formats.filters import Filters
 from gstream.formats.lodrule import (
     U8,
@@ -21,7 +22,7 @@ from gstream.formats.lodrule import (
     decode_normals,
     reduce_runs,
 )
-from gstream.formats.morton import Place, decode_morton, tight_bounds
+from gstream.formats.morton import bounds_of_each, decode_morton
 
 
 class Arithmetic(NamedTuple):
@@ -29,17 +30,18 @@ class Arithmetic(NamedTuple):
 
     filters: Filters
     decode_morton: Callable[[NDArray[Any]], U32]
-    tight_bounds: Callable[[U32], tuple[Place, Place]]
+    bounds_of_each: Callable[[U32, NDArray[np.int64]], U8]
     decode_normals: Callable[[U16, int], NDArray[np.int32]]
     all_canonical: Callable[[U16, int], bool]
-    reduce_runs: Callable[[U32, U8, U16, U8, U32, int, bool], Reduced]
+    reduce_runs: Callable[[NDArray[Any], U8, U16, U8, U32, int, bool], Reduced]
+    batches: BatchKernels | None  # what decodes many blocks at once; NumPy has nothing for it
 
 
 # Given the voxels decoded so far, the form to go on with: loading compiled code takes a while.
 Choice = Callable[[int], Arithmetic]
 
 PLAIN: Final = Arithmetic(
-    filters, decode_morton, tight_bounds, decode_normals, all_canonical, reduce_runs
+    filters, decode_morton, bounds_of_each, decode_normals, all_canonical, reduce_runs, None
 )
 
 

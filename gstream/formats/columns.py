@@ -25,7 +25,6 @@ from gstream.formats.framing import (
     crc32,
     decompress,
 )
-from gstream.formats.lodrule import canonical_normals
 
 UNSIGNED: Final = {size: np.dtype(f"<u{size}") for size in (1, 2, 4)}
 MIN_LOG2_EDGE: Final = 3
@@ -42,7 +41,6 @@ RULE_PADDING: Final = "GSB-0406"  # the bits after the last voxel of a bit plane
 RULE_EMPTY_MASK: Final = "GSB-0407"  # every octree child mask has a child
 RULE_TREE: Final = "GSB-0408"  # the octree ends with its bytes and has `count` leaves
 RULE_COUNT: Final = "GSB-0409"  # a block has 1 to 8^log2_edge voxels
-RULE_VALUE: Final = "GSB-0410"  # values mean something: mask, weight not 0, normal canonical
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,10 +169,10 @@ def encode_block(
     for name in names:
         spec = specs[name]
         if name == "occupancy":
-            planar = filters.encode_occupancy(block.morton, log2_edge).reshape(1, -1)
+            raw = filters.encode_occupancy(block.morton, log2_edge).reshape(1, -1)
         else:
-            planar = _planar(column_values(block, spec))
-        encoded[name] = _encode_column(spec, planar, lz4, filters, name in stored)
+            raw = raw_form(column_values(block, spec))
+        encoded[name] = _encode_column(spec, raw, lz4, filters, name in stored)
     return encoded
 
 
@@ -186,18 +184,17 @@ def column_values(block: Block, spec: ColumnSpec) -> Ints:
     return array.reshape(block.count, spec.components).astype(spec.dtype, copy=False)
 
 
-def raw_column(values: Ints) -> bytes:
-    """The decoded bytes of an attribute, component after component: what hash64 covers."""
-    return _planar(values).tobytes()
-
-
-def _planar(values: Ints) -> Ints:
+def raw_form(values: Ints) -> Ints:
+    """(components, n) values of (n,) or (n, components): the raw form, which hash64 covers."""
     return np.ascontiguousarray(values.reshape(values.shape[0], -1).T)
 
 
-def hash64(raw: Buffer) -> int:
-    """BLAKE2b with an 8-byte digest, read as a little-endian integer."""
-    return int.from_bytes(blake2b(raw, digest_size=8).digest(), "little")
+def hash64(*raw: Buffer) -> int:
+    """BLAKE2b with an 8-byte digest, read as a little-endian integer; of parts, as if joined."""
+    digest = blake2b(digest_size=8)
+    for part in raw:
+        digest.update(part)
+    return int.from_bytes(digest.digest(), "little")
 
 
 def _encode_column(
@@ -262,7 +259,7 @@ def decode_column(
     if record.raw_bytes != spec.raw_bytes(count):
         raise _raw_bytes_error(spec.name, record, count, path, at)
     if record.codec == CODEC_CONSTANT:
-        return _squeeze(_constant_column(spec, record, data, count, path, at))
+        return squeezed(_constant_column(spec, record, data, count, path, at))
     length = plain.filtered_bytes(record.filter, count, spec.components, spec.item_bytes, spec.bits)
     unpacked = _unpack(record, data, length, path, at)
     if record.filter >= plain.BIT_PLANES:
@@ -273,7 +270,7 @@ def decode_column(
     )
     if record.filter < plain.BIT_PLANES and spec.bits < 8 * spec.item_bytes:
         _check_range(spec, int(values.max()), path, at)
-    return _squeeze(values)
+    return squeezed(values)
 
 
 def octree_masks(
@@ -305,7 +302,8 @@ def octree_masks(
     raise CorruptFileError(RULE_TREE, path, at, said)
 
 
-def _squeeze(values: Ints) -> Ints:
+def squeezed(values: Ints) -> Ints:
+    """(n, 1) values as (n,); others as they are."""
     return values.reshape(-1) if values.shape[1] == 1 else values
 
 
@@ -375,23 +373,3 @@ def _check_range(spec: ColumnSpec, largest: int, path: str, at: int) -> None:
     if largest >> spec.bits:
         said = f"column {spec.name} has the value {largest}, above its {spec.bits} bits"
         raise CorruptFileError(RULE_RANGE, path, at, said)
-
-
-def check_values(spec: ColumnSpec, values: Ints, path: str, at: int) -> None:
-    """Refuse decoded values that stand for nothing: a mask or weight of 0, a code of no normal.
-
-    values : as decode_column returns them; decoding does not look at them, only a full check does
-    errors : CorruptFileError GSB-0410
-    """
-    if spec.name in ("mask", "weight"):
-        good = values != 0
-    elif spec.name == "normal":
-        good = canonical_normals(values.astype(np.uint16, copy=False), spec.bits)
-    else:
-        return
-    if not good.all():
-        first = int(np.argmin(good))
-        said = (
-            f"voxel {first} of column {spec.name} has {values[first].tolist()}, which is no value"
-        )
-        raise CorruptFileError(RULE_VALUE, path, at, said)

@@ -171,6 +171,15 @@ def payload_offsets(
     return offsets.reshape(stored.shape), int(ends[-1]) if len(ends) else begin
 
 
+def payload_span(rows: Rows, columns: Sequence[ColumnSpec]) -> tuple[int, int]:
+    """The byte range (begin, end) around some columns of some rows; (0, 0) where none is stored."""
+    stored, offsets = stacked(rows, columns, "stored"), stacked(rows, columns, "offset")
+    there = stored > 0
+    if not there.any():
+        return 0, 0
+    return int(offsets[there].min()), int((offsets + stored)[there].max())
+
+
 def opening_bytes(
     entries: Rows, columns: Sequence[ColumnSpec], before: int, blocks: NDArray[np.uint64]
 ) -> int:
@@ -217,14 +226,11 @@ def merged_runs(rows: Rows, columns: Sequence[ColumnSpec]) -> list[tuple[int, in
     Whole sibling groups; neighbours share a range of up to MERGED_BYTES, across up to MERGED_GAP
     bytes that nobody asked for (spec, section 2).
     """
-    stored, offsets = stacked(rows, columns, "stored"), stacked(rows, columns, "offset")
     runs: list[tuple[int, int]] = []
     for first, last in pairwise(group_starts(rows).tolist()):
-        there = stored[first:last] > 0
-        if not there.any():
+        begin, end = payload_span(rows[first:last], columns)
+        if begin == end:
             continue
-        begin = int(offsets[first:last][there].min())
-        end = int((offsets[first:last] + stored[first:last])[there].max())
         if runs:
             before, behind = runs[-1]
             if before <= begin <= behind + MERGED_GAP and end - before <= MERGED_BYTES:

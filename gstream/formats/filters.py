@@ -20,6 +20,7 @@ DELTA_BIT_PLANES: Final = 3
 XOR_BIT_PLANES: Final = 4
 GREEN_DELTA_BIT_PLANES: Final = 5
 FILTERS: Final = range(6)
+NO_FILTER: Final = 255  # of a column that is left out where many are undone
 
 PIECE: Final = 1 << 18  # octree nodes that are expanded at once: 16 MB of indices at most
 

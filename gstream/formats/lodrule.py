@@ -73,6 +73,14 @@ def decode_normals(codes: U16, bits: int) -> NDArray[np.int32]:
     return directions
 
 
+def unit_vectors(directions: NDArray[np.generic]) -> NDArray[np.float32]:
+    """(n, 3) vectors of length 1 along the given ones; 0, 0, 0 stays."""
+    vectors = directions.astype(np.float64)
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    unit: NDArray[np.float64] = vectors / np.where(length > 0, length, 1.0)
+    return unit.astype(np.float32)
+
+
 def encode_normals(sums: I64, bits: int) -> U16:
     """Octahedral codes of directions: of the four codes around each, the one at the least angle.
 
@@ -152,7 +160,7 @@ def rounded_mean(sums: I64, weights: I64) -> I64:
 class Reduced:
     """The parent voxels that reduce_runs makes; absent columns have length 0."""
 
-    morton: U32  # (m,) ascending codes in the parent block
+    morton: NDArray[np.unsignedinteger]  # (m,) ascending codes in the parent block, u32 or u64
     mask: U8  # (m,)
     normal: U16  # (m, 2)
     colour: U8  # (m, 4)
@@ -160,11 +168,17 @@ class Reduced:
 
 
 def reduce_runs(
-    codes: U32, mask: U8, normal: U16, colour: U8, weight: U32, normal_bits: int, use_weight: bool
+    codes: NDArray[np.unsignedinteger],
+    mask: U8,
+    normal: U16,
+    colour: U8,
+    weight: U32,
+    normal_bits: int,
+    use_weight: bool,
 ) -> Reduced:
     """Merge the voxels of up to eight sibling blocks two by two by two.
 
-    codes  : (n,) ascending; octant of the block << 3 log2_edge | local code
+    codes  : (n,) u32 or u64, ascending; octant of the block << 3 log2_edge | local code
     normal : (n, 2), colour (n, 4), weight (n,): length 0 where the column is absent
     use_weight : average by weight (area); otherwise every child counts 1
     returns: the parent block's voxels; weight is (sum w + 2) // 4 whatever the averages use
@@ -191,7 +205,7 @@ def reduce_runs(
         sums = np.add.reduceat(weight.astype(np.int64), first)
         merged_weight = np.clip((sums + 2) // 4, 1, MAX_WEIGHT).astype(np.uint32)
     return Reduced(
-        parents[first].astype(np.uint32),
+        parents[first],
         merged_mask,
         parts["normal"].astype(np.uint16, copy=False),
         parts["colour"].astype(np.uint8, copy=False),

@@ -57,3 +57,9 @@ def tight_bounds(codes: NDArray[Any]) -> tuple[Place, Place]:
     pieces = (decode_morton(codes[at : at + PIECE]) for at in range(0, len(codes), PIECE))
     bounds = np.array([(piece.min(axis=0), piece.max(axis=0)) for piece in pieces])
     return tuple(bounds[:, 0].min(axis=0).tolist()), tuple(bounds[:, 1].max(axis=0).tolist())
+
+
+def bounds_of_each(codes: NDArray[Any], counts: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """(m, 2, 3) tight_bounds of m blocks of `counts` codes each, one block after the other."""
+    blocks = np.split(codes, np.cumsum(counts)[:-1])
+    return np.array([tight_bounds(block) for block in blocks], np.uint8)

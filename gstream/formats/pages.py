@@ -5,7 +5,7 @@ section 5.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 import numpy as np
@@ -34,6 +34,7 @@ from gstream.formats.morton import decode_morton
 
 ReadAt = Callable[[int, int], bytes]
 CACHED_PAGES: Final = 16
+NO_KEY: Final = np.uint64(2**64 - 1)
 
 
 def rank(level: Any, key: Any) -> NDArray[np.uint64]:
@@ -119,6 +120,51 @@ class Directory:
         if not self._head.levels["blocks"][level]:
             return range(0)
         return range(self._page_at(rank(level, 0)), self._page_at(rank(level, 2**48 - 1)) + 1)
+
+    def entries_of(self, level: int) -> Iterator[Rows]:
+        """The entries of one level, page by page, in order, just those that the level above lists.
+
+        errors : CorruptFileError GSB-0303, 0306, 0307; for what is missing, at the end
+        """
+        found, last = 0, -1
+        for number in self.pages_of(level):
+            page = self.page(number)
+            entries = page[page["level"] == level]
+            if not len(entries):
+                continue  # the page ends where the level begins
+            at = int(self.record(number)["offset"])
+            if entries["key"][0] <= last:
+                raise CorruptFileError("GSB-0303", self._path, at, "a page repeats earlier keys")
+            if level + 1 < self._head.settings.levels:
+                self._check_parents(level, entries["key"], at)
+            found, last = found + len(entries), int(entries["key"][-1])
+            yield entries
+        if level + 1 < self._head.settings.levels:
+            listed = sum(self._children(number, level + 1) for number in self.pages_of(level + 1))
+            if listed != found:
+                said = f"level {level} has {found} blocks, not the {listed} of the child masks"
+                raise CorruptFileError("GSB-0306", self._path, self._head.head_bytes, said)
+
+    def _children(self, number: int, level: int) -> int:
+        """How many blocks the child masks of a page's entries of one level list."""
+        page = self.page(number)
+        return int(np.bitwise_count(page["children"][page["level"] == level]).sum(dtype=np.int64))
+
+    def _check_parents(self, level: int, keys: NDArray[np.uint64], at: int) -> None:
+        """Refuse blocks of a page without a parent, or with one that does not list them."""
+        wanted = keys >> np.uint64(3)
+        parents = self.between(level + 1, int(wanted[0]), int(wanted[-1]))
+        rows = np.searchsorted(parents["key"], wanted)
+        there = np.append(parents["key"], NO_KEY)[rows] == wanted
+        masks = np.append(parents["children"], np.uint8(0))[rows].astype(np.uint64)
+        listed = masks >> (keys & np.uint64(7)) & np.uint64(1) != 0
+        for rule, good, said in (
+            ("GSB-0307", there, "has no parent"),
+            ("GSB-0306", listed, "is not in the child mask of its parent"),
+        ):
+            if not good.all():
+                block = f"block {keys[good.argmin()]} of level {level}"
+                raise CorruptFileError(rule, self._path, at, f"{block} {said}")
 
     def between(self, level: int, first: int, last: int) -> Rows:
         """The entries of one level with keys from first to last, both inclusive."""

@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from gstream.kernels import kernel, part
+from gstream.kernels.octree import count_leaves, decode_occupancy, encode_occupancy
+
+__all__ = ["apply_filter", "count_leaves", "decode_occupancy", "encode_occupancy", "undo_filter"]
 
 NONE = 0
 BYTE_PLANES = 1
@@ -18,14 +21,10 @@ DELTA_BIT_PLANES = 3
 XOR_BIT_PLANES = 4
 GREEN_DELTA_BIT_PLANES = 5
 FILTERS = range(6)
+NO_FILTER = 255
 
 PLAIN, DELTA, XOR = 0, 1, 2
-STEPS = {
-    BIT_PLANES: PLAIN,
-    DELTA_BIT_PLANES: DELTA,
-    XOR_BIT_PLANES: XOR,
-    GREEN_DELTA_BIT_PLANES: DELTA,
-}
+STEPS = np.array([PLAIN, PLAIN, PLAIN, DELTA, XOR, DELTA])  # of each filter
 
 ZERO, ONE, BYTE = np.uint64(0), np.uint64(1), np.uint64(255)
 U0, U1, U8, U16, U24 = (np.uint32(i) for i in (0, 1, 8, 16, 24))
@@ -33,11 +32,6 @@ SHIFT_7, SHIFT_14, SHIFT_28 = np.uint64(7), np.uint64(14), np.uint64(28)
 SWAP_1 = np.uint64(0x00AA00AA00AA00AA)
 SWAP_2 = np.uint64(0x0000CCCC0000CCCC)
 SWAP_4 = np.uint64(0x00000000F0F0F0F0)
-
-CHILD_COUNT = np.array([m.bit_count() for m in range(256)], np.uint8)
-CHILDREN = np.array(
-    [([c for c in range(8) if m >> c & 1] + [0] * 8)[:8] for m in range(256)], np.uint32
-)
 
 
 def apply_filter(filter_id: int, values: NDArray[Any], bits: int) -> NDArray[np.uint8]:
@@ -67,35 +61,12 @@ def undo_filter(
         raise ValueError(f"there is no filter {filter_id}")
     count, components = shape
     values = np.empty(shape, dtype)
-    if filter_id == NONE or (filter_id == BYTE_PLANES and values.itemsize == 1):
+    if filter_id == NONE:
         for c, component in enumerate(data.view(dtype).reshape(components, count)):
             values[:, c] = component
-    elif filter_id == BYTE_PLANES:
-        parts = data.reshape(components, values.itemsize, count)
-        join_bytes(parts, values)
     else:
-        join_planes(data.reshape(components, bits, -1), STEPS[filter_id], values)
-        if filter_id == GREEN_DELTA_BIT_PLANES:
-            add_green(values)
+        undo_filters(np.array([filter_id], np.uint8), data, np.array([count]), bits, values)
     return values
-
-
-def count_leaves(masks: NDArray[np.uint8], log2_edge: int) -> int:
-    """Count the voxels of an octree, 0 if the masks are none; see formats/filters.py."""
-    return int(measure_octree(masks, log2_edge))
-
-
-def encode_occupancy(morton: NDArray[np.uint32], log2_edge: int) -> NDArray[np.uint8]:
-    """Turn ascending local codes into octree child masks; see formats/filters.py."""
-    nodes = morton.astype(np.uint32)  # a copy: overwritten
-    masks = np.zeros(morton.size * log2_edge, np.uint8)
-    return masks[fold_octree(nodes, log2_edge, masks) :]
-
-
-def decode_occupancy(masks: NDArray[np.uint8], log2_edge: int, count: int) -> NDArray[np.uint32]:
-    """Turn checked octree child masks back into local codes; see formats/filters.py."""
-    nodes = np.empty(count + 8, np.uint32), np.empty(count + 8, np.uint32)
-    return nodes[unfold_octree(masks, log2_edge, nodes)][:count]
 
 
 def warm() -> None:
@@ -128,18 +99,77 @@ def transpose_8x8(word):
 
 
 @kernel
-def join_planes(planes, step, values):
+def undo_filters(filters, data, counts, bits, values):
+    """Undo the filters of one column of many blocks, which stand one behind the other.
+
+    filters, counts : (m,) u8, (m,) int64   of each block; filter 0 only where items are bytes
+    data   : (bytes,) u8   exactly filtered_bytes of each block, none where the filter is NO_FILTER
+    bits   : int
+    values : (sum of counts, components) u8, u16 or u32, out
+    returns: (m,) bool   whether a block's padding is zero and its values are below 2^bits; where
+        not, or left out, they are anything
+    errors : none; the lengths were checked
+    source : spec, "Filters"
+    """
+    components, item = values.shape[1], values.itemsize
+    widest, parts = (counts.max() + 7) >> 3, (bits + 7) >> 3
+    words, coded = np.empty(parts * widest, np.uint64), np.empty(8 * widest, values.dtype)
+    sound = np.empty(filters.size, np.bool_)
+    at = row = 0
+    for b in range(filters.size):
+        count, m = counts[b], (counts[b] + 7) >> 3
+        here = values[row : row + count]
+        end = at
+        sound[b] = False
+        if filters[b] <= BYTE_PLANES:
+            end = at + count * components * item
+            join_bytes(data[at:end].reshape(components, item, count), here)
+            sound[b] = are_below(here, bits)
+        elif filters[b] != NO_FILTER:
+            end = at + components * bits * m
+            planes = data[at:end].reshape(components, bits, m)
+            room = words[: parts * m].reshape(parts, m)
+            join_planes(planes, STEPS[filters[b]], room, coded[: 8 * m], here)
+            sound[b] = is_padded(planes, count)
+            if filters[b] == GREEN_DELTA_BIT_PLANES:
+                add_green(here)
+        at, row = end, row + count
+    return sound
+
+
+@part
+def are_below(values, bits):
+    """Whether all values, (n, components) u8, u16 or u32, are below 2^bits."""
+    every = ZERO
+    for i in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            every |= np.uint64(values[i, c])
+    return every >> np.uint64(bits) == ZERO
+
+
+@part
+def is_padded(planes, count):
+    """Whether the bits behind the last of `count` values are zero; planes as join_planes has."""
+    every = U0
+    if count & 7:
+        for c in range(planes.shape[0]):
+            for p in range(planes.shape[1]):
+                every |= np.uint32(planes[c, p, planes.shape[2] - 1])
+    return every >> np.uint32(count & 7) == U0
+
+
+@part
+def join_planes(planes, step, words, coded, values):
     """Turn bit planes back into values, one component after the other.
 
-    planes : (components, bits, ceil(n / 8)) u8; step : int   PLAIN | DELTA | XOR
+    planes : (components, bits, m = ceil(n / 8)) u8; step : int   PLAIN | DELTA | XOR
+    words, coded : (ceil(bits / 8), m) u64, (8 m,) of the type of values   scratch
     values : (n, components) u8, u16 or u32, out
     errors : none; the length of the planes was checked
     source : spec, "Filters"
     """
     components, bits, m = planes.shape
-    words = np.empty(((bits + 7) >> 3, m), np.uint64)
     parts = words.view(np.uint8)  # little-endian: byte j of a word is voxel j
-    coded = np.empty(8 * m, values.dtype)
     for c in range(components):
         words[:] = ZERO
         # One plane after the other, so that the loops over m vectorise: 0.3 ns a value, against
@@ -270,7 +300,7 @@ def join_parts(parts, values):
             values[i] = low | np.uint32(parts[2, i]) << U16 | np.uint32(parts[3, i]) << U24
 
 
-@kernel
+@part
 def join_bytes(parts, values):
     """Turn byte planes, low bytes first, into values.
 
@@ -316,7 +346,7 @@ def subtract_green(values):
     return coded
 
 
-@kernel
+@part
 def add_green(values):
     """Undo subtract_green.
 
@@ -329,87 +359,3 @@ def add_green(values):
         values[i, 0] = values[i, 1] + green
         values[i, 1] = green
         values[i, 2] += green
-
-
-@kernel
-def measure_octree(masks, log2_edge):
-    """Walk the levels of octree child masks without writing anything.
-
-    masks  : (m,) u8
-    returns: int   leaves, 0 if the masks are not exactly one tree or one of them has no child
-    errors : none; never reads outside masks
-    source : spec, "Occupancy"
-    """
-    level = 1
-    at = 0
-    for _ in range(log2_edge):
-        if at + level > masks.size:
-            return 0
-        children = 0
-        for i in range(at, at + level):
-            if masks[i] == 0:
-                return 0
-            children += CHILD_COUNT[masks[i]]
-        at += level
-        level = children
-    return level if at == masks.size else 0
-
-
-@kernel
-def fold_octree(nodes, log2_edge, masks):
-    """Write the octree's child masks, from the finest level's last node to the root, back to front.
-
-    nodes  : (n,) u32   ascending local codes; overwritten
-    masks  : (n * log2_edge,) u8   zeros; filled at its end
-    returns: int   where the masks begin
-    errors : none
-    source : spec, "Occupancy"
-    """
-    n = np.uint64(nodes.size)
-    begin = ZERO
-    at = np.uint64(masks.size)
-    for _ in range(log2_edge):
-        kept, mask, last = n, ZERO, ~ZERO
-        for i in range(n - begin):
-            code = np.uint64(nodes[n - ONE - i])
-            parent = code >> np.uint64(3)
-            # A select, as no one can predict where a parent begins: 57 -> 22 us a block.
-            new = parent != last
-            mask = (ZERO if new else mask) | ONE << (code & np.uint64(7))
-            kept -= np.uint64(new)
-            at -= np.uint64(new)
-            nodes[kept] = parent
-            masks[at] = mask
-            last = parent
-        begin = kept
-    return at
-
-
-@kernel
-def unfold_octree(masks, log2_edge, nodes):
-    """Expand octree child masks into ascending local codes.
-
-    masks  : (m,) u8   checked: a tree of `count` leaves, no mask 0
-    nodes  : 2 x (count + 8,) u32   two buffers; eight children are written where fewer count
-    returns: int   the buffer that holds the leaves
-    errors : none here; formats/columns.py check_occupancy ran
-    source : spec, "Occupancy"
-    """
-    nodes[0][0] = 0
-    level = np.uint64(1)
-    at = ZERO
-    source = 0
-    for _ in range(log2_edge):
-        parents, children = nodes[source], nodes[1 - source]
-        end = ZERO  # unsigned, or each index costs a test for negative ones
-        for i in range(level):
-            mask = masks[at + i]
-            base = parents[i] << np.uint32(3)
-            row = CHILDREN[mask]
-            for j in range(np.uint64(8)):
-                children[end + j] = base | row[j]
-            end += np.uint64(CHILD_COUNT[mask])
-        at += level
-        level = end
-        source = 1 - source
-    return source

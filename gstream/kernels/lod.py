@@ -61,14 +61,14 @@ def reduce_runs(codes, mask, normal, colour, weight, normal_bits, use_weight, ta
     codes  : (n,) u32 or u64, ascending; octant of the block << 3 log2_edge | local code
     mask, normal, colour, weight : (n,), (n, 2), (n, 4), (n,); length 0 where absent
     normal_bits, use_weight : int, bool   average by weight (area), or count every child once
-    returns: morton (m,) u32, mask (m,), normal (m, 2), colour (m, 4), weight (m,), as the input's
+    returns: morton (m,), mask (m,), normal (m, 2), colour (m, 4), weight (m,), as the input's
     errors : none; the caller made sure of equal lengths
     source : spec, "Levels of detail"
     """
     parents = np.empty(codes.size, np.uint32)
     runs = number_runs(codes, parents)
     shares = weight if use_weight and weight.size else np.ones(codes.size, np.uint32)
-    out_morton = np.empty(runs, np.uint32)
+    out_morton = np.empty(runs, codes.dtype)
     out_mask = np.zeros(runs, np.uint8)
     for i in range(codes.size):
         out_morton[parents[i]] = codes[i] >> 3

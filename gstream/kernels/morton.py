@@ -106,6 +106,25 @@ def tight_bounds(codes):
     return low, (gather(high_x), gather(high_y >> S1), gather(high_z >> S2))
 
 
+@kernel
+def bounds_of_each(codes, counts):
+    """Smallest and largest coordinates of each of many blocks.
+
+    codes  : (sum of counts,) u32, below 2^24, one block after the other; counts : (m,) int64, not 0
+    returns: (m, 2, 3) u8   low and high corner, both included
+    errors : none
+    source : tight_bounds
+    """
+    bounds = np.empty((counts.size, 2, 3), np.uint8)
+    begin = 0
+    for b in range(counts.size):
+        low, high = tight_bounds(codes[begin : begin + counts[b]])
+        for axis in range(3):
+            bounds[b, 0, axis], bounds[b, 1, axis] = low[axis], high[axis]
+        begin += counts[b]
+    return bounds
+
+
 def scan_order(log2_edge: int) -> NDArray[np.int32]:
     """Where a dense [z, y, x] cube of edge 2^log2_edge holds its voxels, in Morton order.
 

@@ -17,6 +17,8 @@ from conformance.expected_answers import (
 )
 from node import node
 
+from gstream.errors import GstreamError
+
 ROOT = Path(__file__).parents[2]
 CONFORMANCE = ROOT / "spec" / "conformance"
 REFERENCE = [sys.executable, CONFORMANCE / "reference_reader.py"]
@@ -80,6 +82,12 @@ def test_every_good_vector_is_to_be_read_and_has_a_content():
 def test_every_rule_that_a_reader_must_notice_has_a_vector_that_it_must_refuse():
     refused = {code for e in EXPECTED.values() if e["reader"] == "refuse" for code in e["codes"]}
     assert refused >= MUST_NOTICE
+
+
+@pytest.mark.parametrize("name", [n for n, e in EXPECTED.items() if e["reader"] == "refuse"])
+def test_gstream_refuses_what_a_reader_must(name):
+    with pytest.raises(GstreamError):
+        content(VECTORS / name)
 
 
 @pytest.mark.parametrize("name", GOOD)

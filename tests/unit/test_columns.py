@@ -319,21 +319,3 @@ def test_a_bit_after_the_last_voxel_of_any_plane_is_refused(plane):
     whole[2 * plane + 1] |= 0b1000
     column = c.EncodedColumn(bytes(whole), 44, 0, 0, CODEC_RAW, 3, 0)
     assert_refused(c.RULE_PADDING, "normal", column, 11)
-
-
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("mask", [1, 0, 3]),
-        ("weight", [1, 0, 3]),
-        ("normal", [[2047, 1023], [1023, 1023], [1, 1]]),
-        ("normal", [[0, 1022], [1023, 1023], [1, 1]]),
-    ],
-)
-def test_values_without_a_meaning_are_found(name, values):
-    spec = SPECS[name]
-    array = np.array(values, spec.dtype)
-    with pytest.raises(CorruptFileError, match=r"voxel \d of column .* \[GSB-0410\]"):
-        c.check_values(spec, array, "a.gsb", 96)
-    c.check_values(spec, array[2:], "a.gsb", 96)
-    c.check_values(SPECS["label"], np.zeros(3, np.uint32), "a.gsb", 96)

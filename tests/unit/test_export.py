@@ -13,8 +13,10 @@ import zarr
 from small_block_files import ALL, file_bytes, random_scene
 
 from gstream import export as module
+from gstream import read
 from gstream.errors import CorruptFileError, StoppedError, UsageError
 from gstream.export import export
+from gstream.formats import batches
 from gstream.read import open_block_file
 from gstream_cli import main
 
@@ -268,7 +270,9 @@ def test_a_full_disk_is_one_line_and_can_be_tried_again(folder, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.npz", "a.zarr"])
-def test_memory_does_not_grow_with_the_voxels(tmp_path, name):
+def test_memory_does_not_grow_with_the_voxels(tmp_path, monkeypatch, name):
+    for place in (batches, read):
+        monkeypatch.setattr(place, "BATCH", 1 << 10)
     peaks = []
     for resolution, voxels in ((64, 2_000), (128, 30_000)):
         scene = random_scene(resolution, 5, voxels, lod=False)

@@ -158,7 +158,9 @@ def test_codes_of_eight_blocks_of_edge_256_and_64_bit_codes_reduce_alike():
     mask = rng.integers(1, 64, codes.size).astype(np.uint8)
     arrays = (mask, NO_NORMAL, NO_COLOUR, NO_WEIGHT)
     narrow = reduced_by(fast, (codes, *arrays), 11, False)
-    assert_same(reduced_by(fast, (codes.astype(np.uint64), *arrays), 11, False), narrow)
+    for form in (plain, fast):
+        wide = reduced_by(form, (codes + np.uint64(1 << 47), *arrays), 11, False)
+        assert_same(wide, (narrow[0] + np.uint64(1 << 44), *narrow[1:]))
     assert_same(reduced_by(plain, (codes, *arrays), 11, False), narrow)
 
 

@@ -7,7 +7,7 @@ import pytest
 from small_block_files import pile_bytes, random_scene
 
 from gstream.errors import CorruptFileError
-from gstream.formats.columns import column_specs, decode_column, hash64, raw_column
+from gstream.formats.columns import column_specs, decode_column, hash64, raw_form
 from gstream.formats.directory import stacked
 from gstream.formats.filters import encode_occupancy
 from gstream.formats.framing import crc32
@@ -43,7 +43,7 @@ def test_every_column_decodes_from_its_place_in_the_pile_and_has_its_hash():
             )
             np.testing.assert_array_equal(values, wanted)
             raw = encode_occupancy(values, 3) if name == "occupancy" else values
-            assert row["hash"][name] == hash64(raw_column(raw.reshape(len(raw), -1)))
+            assert row["hash"][name] == hash64(raw_form(raw).data)
 
 
 class _Record:

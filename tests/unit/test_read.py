@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from damaged_block_files import Patch
 from small_block_files import ALL, Paging, file_bytes, random_scene
 
 from gstream.compiled import after, compiled
@@ -250,6 +251,25 @@ def test_a_damaged_column_concerns_its_block_alone():
                     view.positions()
             else:
                 view.positions()
+
+
+@pytest.mark.parametrize(
+    ("listed", "said"),
+    [
+        (True, r"of level 0 is not in the child mask of its parent, at byte \d+ \[GSB-0306\]"),
+        (False, r"level 0 has 60 blocks, not the 61 of the child masks, at .* \[GSB-0306\]"),
+    ],
+    ids=["one that is not listed", "one that is missing"],
+)
+def test_a_level_that_differs_from_the_child_masks_above_is_refused(listed, said):
+    made = Patch(file_bytes(random_scene(32, 3, 200, 2)))
+    rows = (made.entries["level"] == 1) & (made.entries["children"] != 255)
+    parent = np.flatnonzero(rows)[0]
+    mask = int(made.entries["children"][parent])
+    bit = next(bit for bit in range(8) if (mask >> bit & 1) == listed)
+    made.entry(parent, "children", mask ^ 1 << bit)
+    with open_block_file(made.sealed()) as file, pytest.raises(CorruptFileError, match=said):
+        list(file.blocks(0))
 
 
 def test_reading_does_not_import_numba():
