@@ -82,6 +82,20 @@ def area_of(x: F64, y: F64, count: int) -> float:
 
 
 @part
+def square_below(height: float, steep: float, gentle: float) -> float:
+    """Area of the part of a unit square over which a plane is below a height.
+
+    height : above the plane's lowest corner; steep >= gentle >= 0 : its slopes, steep > 0
+    source : the plane's height over a random point is a sum of two uniform variables
+    """
+    rising = min(max(height, 0.0), gentle)
+    even = min(max(height - gentle, 0.0), steep - gentle)
+    falling = min(max(height - steep, 0.0), gentle)
+    share = 0.5 / gentle if gentle > 0.0 else 0.0
+    return (rising * rising * share + even + falling - falling * falling * share) / steep
+
+
+@part
 def moments_of(x: F64, y: F64, count: int) -> tuple[float, float]:
     """First moments of a polygon: the integrals of x and y over it, with the sign of its area."""
     x0, y0 = x[0], y[0]

@@ -70,18 +70,39 @@ def spans(
 
 
 @part
+def lone_cell(
+    vertices: I32, triangles: U32, t: int, rules: tuple[int, int, int, bool]
+) -> tuple[int, int, int]:
+    """The cell of a SMALL triangle, x = -1 for any other: what `spans` says, in a third of its time."""
+    k, cell_bits, resolution, closed = rules
+    a, b, c = np.uint64(triangles[t, 0]), np.uint64(triangles[t, 1]), np.uint64(triangles[t, 2])
+    x0, y0, z0 = np.int64(vertices[a, 0]), np.int64(vertices[a, 1]), np.int64(vertices[a, 2])
+    x1, y1, z1 = np.int64(vertices[b, 0]), np.int64(vertices[b, 1]), np.int64(vertices[b, 2])
+    x2, y2, z2 = np.int64(vertices[c, 0]), np.int64(vertices[c, 1]), np.int64(vertices[c, 2])
+    x_low, x_high = min(x0, x1, x2), max(x0, x1, x2)
+    y_low, y_high = min(y0, y1, y2), max(y0, y1, y2)
+    z_low, z_high = min(z0, z1, z2), max(z0, z1, z2)
+    extent = max(x_high - x_low, y_high - y_low, z_high - z_low)
+    # Closed ties reach one voxel further down where the low corner lies on the lattice.
+    touch = np.int64(closed)
+    x_low, y_low, z_low = (x_low - touch) >> k, (y_low - touch) >> k, (z_low - touch) >> k
+    x_high, y_high, z_high = x_high >> k, y_high >> k, z_high >> k
+    inside = (min(x_low, y_low, z_low) >= 0) & (max(x_high, y_high, z_high) < resolution)
+    across = ((x_low ^ x_high) | (y_low ^ y_high) | (z_low ^ z_high)) >> cell_bits
+    if inside & (across == 0) & (extent < np.int64(1) << (k + cell_bits - 1)):
+        return x_low >> cell_bits, y_low >> cell_bits, z_low >> cell_bits
+    return -1, 0, 0
+
+
+@part
 def is_degenerate(vertices: I32, triangles: U32, t: int) -> bool:
     """The snapped triangle has no area."""
     a, b, c = np.uint64(triangles[t, 0]), np.uint64(triangles[t, 1]), np.uint64(triangles[t, 2])
-    for axis in range(3):
-        p, q = (axis + 1) % 3, (axis + 2) % 3
-        ep = np.int64(vertices[b, p]) - vertices[a, p]
-        eq = np.int64(vertices[b, q]) - vertices[a, q]
-        fp = np.int64(vertices[c, p]) - vertices[a, p]
-        fq = np.int64(vertices[c, q]) - vertices[a, q]
-        if ep * fq - eq * fp != 0:
-            return False
-    return True
+    x, y, z = np.int64(vertices[a, 0]), np.int64(vertices[a, 1]), np.int64(vertices[a, 2])
+    e_x, e_y, e_z = vertices[b, 0] - x, vertices[b, 1] - y, vertices[b, 2] - z
+    f_x, f_y, f_z = vertices[c, 0] - x, vertices[c, 1] - y, vertices[c, 2] - z
+    n_x, n_y, n_z = e_y * f_z - e_z * f_y, e_z * f_x - e_x * f_z, e_x * f_y - e_y * f_x
+    return n_x | n_y | n_z == 0
 
 
 @part
@@ -94,7 +115,7 @@ def cell_key(x: int, y: int, z: int, spread: U32) -> int:
 @kernel
 def classify(
     vertices: I32, triangles: U32, rules: tuple[int, int, int, bool], spread: U32,
-    kinds: NDArray[np.uint8], counts: I64,
+    kinds: NDArray[np.uint8], keys: U32, counts: I64,
 ) -> int:  # fmt: skip
     """Kind of each triangle, and how many small ones each cell gets.
 
@@ -102,11 +123,18 @@ def classify(
     rules : (snap bits, log2 of the cell edge, resolution, closed ties)
     spread : (256,) u4   Morton code of (i, 0, 0)
     kinds : (n,) u1   out
+    keys : (n,) u4   out: Morton code of the one cell of each SMALL triangle
     counts : (8^bits,) i8   references per Morton cell, added to
     returns : int   triangles whose snapped area is zero (those outside not counted)
     """
     degenerate = 0
-    for t in range(triangles.shape[0]):
+    for t in range(np.uint64(triangles.shape[0])):
+        x, y, z = lone_cell(vertices, triangles, t, rules)
+        if x >= 0:
+            kinds[t], keys[t] = SMALL, cell_key(x, y, z, spread)
+            counts[np.uint64(keys[t])] += 1
+            degenerate += is_degenerate(vertices, triangles, t)
+            continue
         (x0, x1, kind_x), (y0, y1, kind_y), (z0, z1, kind_z) = spans(vertices, triangles, t, rules)
         kind = max(kind_x, kind_y, kind_z)
         kinds[t] = kind
@@ -118,31 +146,35 @@ def classify(
         for z in range(z0, z1 + 1):
             for y in range(y0, y1 + 1):
                 for x in range(x0, x1 + 1):
-                    counts[cell_key(x, y, z, spread)] += 1
+                    keys[t] = cell_key(x, y, z, spread)
+                    counts[np.uint64(keys[t])] += 1
     return degenerate
 
 
 @kernel
 def sort_by_cell(
-    vertices: I32, triangles: U32, kinds: NDArray[np.uint8], rules: tuple[int, int, int, bool],
-    spread: U32, offsets: I64, order: U32,
+    vertices: I32, triangles: U32, kinds: NDArray[np.uint8], keys: U32,
+    rules: tuple[int, int, int, bool], spread: U32, offsets: I64, order: U32,
 ) -> None:  # fmt: skip
     """Number of each small triangle, once for every cell that its box touches, cell by cell.
 
-    vertices, triangles, kinds, rules, spread : as of `classify`
+    vertices, triangles, kinds, keys, rules, spread : as of `classify`
     offsets : (8^bits,) i8   next free place of each Morton cell, advanced
     order : (references,) u4   out; within a cell in the triangles' order
     """
-    for t in range(triangles.shape[0]):
-        if kinds[t] > SPANNING:
-            continue
-        (x0, x1, _), (y0, y1, _), (z0, z1, _) = spans(vertices, triangles, t, rules)
-        for z in range(z0, z1 + 1):
-            for y in range(y0, y1 + 1):
-                for x in range(x0, x1 + 1):
-                    key = cell_key(x, y, z, spread)
-                    order[np.uint64(offsets[key])] = t
-                    offsets[key] += 1
+    for t in range(np.uint64(triangles.shape[0])):
+        if kinds[t] == SMALL:
+            key = np.uint64(keys[t])
+            order[np.uint64(offsets[key])] = t
+            offsets[key] += 1
+        elif kinds[t] == SPANNING:
+            (x0, x1, _), (y0, y1, _), (z0, z1, _) = spans(vertices, triangles, t, rules)
+            for z in range(z0, z1 + 1):
+                for y in range(y0, y1 + 1):
+                    for x in range(x0, x1 + 1):
+                        key = cell_key(x, y, z, spread)
+                        order[np.uint64(offsets[key])] = t
+                        offsets[key] += 1
 
 
 @kernel

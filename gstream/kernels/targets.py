@@ -77,24 +77,34 @@ def meets_centre_lines(
 
     voxel : (3,) i8   in the triangle's frame; value: n.voxel relative to the window
     """
-    for r in range(3):
-        if plane[r] == 0 and not closed:
-            continue
-        i, j = voxel[(r + 1) % 3], voxel[(r + 2) % 3]
-        passes = True
-        for e in range(3):
-            if edges[r, e, 0] * i + edges[r, e, 1] * j + centres[r, e] < 0:
-                passes = False
-                break
-        if not passes:
-            continue
-        if value - plane[CENTRE_CEIL + r] + max(plane[r], 0) < 0:
-            continue
-        if value - plane[CENTRE_FLOOR + r] + min(plane[r], 0) > 0:
-            continue
-        if plane[r] != 0 or closed_segment_meets(tri, k, r, voxel):
-            return True
-    return False
+    # Spelt out, so that the axes are constants, as in `overlap.prepare_edges`.
+    return (
+        meets_centre_line(tri, plane, edges, centres, k, closed, voxel, value, 0, 1, 2)
+        or meets_centre_line(tri, plane, edges, centres, k, closed, voxel, value, 1, 2, 0)
+        or meets_centre_line(tri, plane, edges, centres, k, closed, voxel, value, 2, 0, 1)
+    )
+
+
+@part
+def meets_centre_line(
+    tri: I64, plane: I64, edges: I64, centres: I64, k: int, closed: bool, voxel: I64, value: int,
+    r: int, p: int, q: int,
+) -> bool:  # fmt: skip
+    """`meets_centre_lines` for the segment along axis r; p and q are the two that follow."""
+    n, i, j = plane[r], voxel[p], voxel[q]
+    if n == 0 and not closed:
+        return False
+    if value - plane[CENTRE_CEIL + r] + max(n, 0) < 0:
+        return False
+    if value - plane[CENTRE_FLOOR + r] + min(n, 0) > 0:
+        return False
+    if (
+        edges[r, 0, 0] * i + edges[r, 0, 1] * j + centres[r, 0] < 0
+        or edges[r, 1, 0] * i + edges[r, 1, 1] * j + centres[r, 1] < 0
+        or edges[r, 2, 0] * i + edges[r, 2, 1] * j + centres[r, 2] < 0
+    ):
+        return False
+    return n != 0 or closed_segment_meets(tri, k, r, voxel)
 
 
 @part

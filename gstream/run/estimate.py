@@ -1,8 +1,8 @@
 """What a stream will take on disk, told from its chunk table and a sample of its triangles.
 
-A plane of unit normal n has max |n| voxels per voxel face of area where voxels are 6-separating,
-and |x| + |y| + |z| where they are all that it meets; so has any mesh whose folds are not much finer
-than its voxels. Measured: 0.5 % too many on three scans, 4 to 6 % on a sphere with white noise.
+A plane has a known number of voxels per area (kernels/foresee.py); so has any mesh whose folds are
+not much finer than its voxels. Measured: 0.5 % too many on three scans, 4 to 6 % on a sphere with
+white noise.
 """
 
 from collections.abc import Iterator
@@ -16,6 +16,7 @@ from gstream.formats.stream import StreamReader
 from gstream.formats.stream_chunk import Chunk
 from gstream.job import VoxelizeSettings
 from gstream.kernels import indexing
+from gstream.kernels.foresee import foresee
 from gstream.run.budget import DiskNeed
 
 SAMPLED_CHUNKS: Final = 16  # 20 ms each
@@ -45,25 +46,18 @@ def disk_of_stream(path: str, settings: VoxelizeSettings) -> DiskNeed:
     box = ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
     grid = grid_of_stream(box, reader.metadata, settings)
     cell = max(settings.cell, settings.block, -(-grid.resolution // 256))
-    faces = flat = references = large = 0.0
+    sums = np.zeros(4)
     triangles = varied = 0
     for chunk in _sample(reader):
-        points: NDArray[Any] = chunk.positions.astype(np.float64)
-        corners = points.reshape(-1, 3, 3) if chunk.triangles is None else points[chunk.triangles]
-        corners = (corners - np.array(grid.origin)) / grid.voxel_size
-        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        seen = np.abs(np.cross(first, second)) / 2  # area along each axis
-        voxels = seen.max(axis=1) if settings.sep == "6" else seen.sum(axis=1)
-        extent = corners.max(axis=1) - corners.min(axis=1)
-        small = (extent < cell / 2).all(axis=1)
-        faces += float(voxels[small].sum())
-        flat += float(voxels[~small].sum())
-        references += float((1 + extent[small] / cell).prod(axis=1).sum())
-        cells = seen[~small].sum(axis=1) / cell**2 + extent[~small].sum(axis=1) / cell + 1
-        large += float(cells.sum())
+        points: NDArray[Any] = (chunk.positions.astype(np.float64) - grid.origin) / grid.voxel_size
+        corners = chunk.triangles
+        if corners is None:
+            corners = np.arange(len(points), dtype=np.uint16).reshape(-1, 3)
+        foresee(points, corners, float(cell), settings.sep == "6", sums)
         triangles += len(corners)
         if chunk.colours is not None and (chunk.colours != chunk.colours[0]).any():
             varied += len(corners)
+    faces, flat, references, large = sums.tolist()
     rows = reader.chunks
     total = int(rows["triangles"].sum(dtype=np.int64))
     share = total / max(triangles, 1)

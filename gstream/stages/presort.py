@@ -90,10 +90,11 @@ def work(job: Job, unit: Unit) -> None:
     mesh = _mesh(reader, first, last, scene)
     rules = _rules(job, scene)
     kinds = np.empty(len(mesh.triangles), np.uint8)
+    keys = np.empty(len(mesh.triangles), np.uint32)
     bits = _cell_levels(scene)
     counts = np.zeros(8**bits, np.int64)
     sorting = (scene.grid.snap_bits, scene.cell_bits, scene.grid.resolution, rules.closed)
-    degenerate = classify(mesh.vertices, mesh.triangles, sorting, SPREAD, kinds, counts)
+    degenerate = classify(mesh.vertices, mesh.triangles, sorting, SPREAD, kinds, keys, counts)
     fates = _fates(mesh, kinds, rules, scene)
     counted = {
         "outside": int(np.count_nonzero(kinds == OUTSIDE)) + fates["outside"],
@@ -107,7 +108,7 @@ def work(job: Job, unit: Unit) -> None:
     with Scratch(job) as scratch:
         with scratch.write(name) as file:
             at = 0
-            small = _small_segments(mesh, kinds, counts, sorting)
+            small = _small_segments(mesh, kinds, keys, counts, sorting)
             large = _large_segments(mesh, np.flatnonzero(kinds == LARGE), rules, scene)
             for cell, owners, points, indices in small:
                 rows.append((cell, cells.SMALL, unit.data[0], len(owners), len(points), at))
@@ -137,12 +138,12 @@ class Mesh:
 
 
 def _small_segments(
-    mesh: Mesh, kinds: Array, counts: Array, sorting: tuple[int, int, int, bool]
+    mesh: Mesh, kinds: Array, keys: Array, counts: Array, sorting: tuple[int, int, int, bool]
 ) -> Iterator[tuple[int, Array, Array, Array]]:
     """(cell, numbers of triangles, packed vertices, indices) of small triangles, cell by cell."""
     starts = np.cumsum(counts) - counts
     order = np.empty(int(counts.sum()), np.uint32)
-    sort_by_cell(mesh.vertices, mesh.triangles, kinds, sorting, SPREAD, starts.copy(), order)
+    sort_by_cell(mesh.vertices, mesh.triangles, kinds, keys, sorting, SPREAD, starts.copy(), order)
     seen = np.zeros(len(mesh.vertices), np.uint32)
     places = np.empty(len(mesh.vertices), np.uint16)
     packed = np.empty(SEGMENT_VERTICES, np.uint64)
@@ -191,10 +192,10 @@ def warm() -> None:
     for dtype in (np.float32, np.float64):
         snap(np.zeros((1, 3), dtype), np.zeros(3), 1.0, np.zeros((1, 3), np.int64))
     vertices, triangles = np.zeros((1, 3), np.int32), np.zeros((1, 3), np.uint32)
-    kinds, counts = np.zeros(1, np.uint8), np.zeros(1, np.int64)
-    classify(vertices, triangles, (12, 8, 256, False), SPREAD, kinds, counts)
+    kinds, keys, counts = np.zeros(1, np.uint8), np.zeros(1, np.uint32), np.zeros(1, np.int64)
+    classify(vertices, triangles, (12, 8, 256, False), SPREAD, kinds, keys, counts)
     for _ in _small_segments(
-        Mesh(vertices, triangles, np.zeros((1, 3, 0), np.uint32)), kinds, counts,
+        Mesh(vertices, triangles, np.zeros((1, 3, 0), np.uint32)), kinds, keys, counts,
         (12, 8, 256, False),
     ):  # fmt: skip
         pass

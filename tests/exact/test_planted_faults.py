@@ -110,6 +110,18 @@ FAULTS = (
         "measured = l + 1", "measured = l + 2", AREA,
     ),
     Fault(
+        "large triangles: inside, a target is met below its low end", "fragments.py",
+        "value + over_u >= 0 and value + under_u <= 0", "value + under_u <= 0", MILLIONS,
+    ),
+    Fault(
+        "areas of large triangles: a corner of a square counts twice", "clip.py",
+        "0.5 / gentle if", "1.0 / gentle if", AREA,
+    ),
+    Fault(
+        "areas of large triangles: layers gain what they should lose", "outline.py",
+        "own[place + np.uint64(above)] -= piece", "own[place + np.uint64(above)] += piece", AREA,
+    ),
+    Fault(
         "planes: the ceiling forgets the tie rule", "overlap.py",
         "whole - ((-fraction - up) >> k)", "whole - (-fraction >> k)", MILLIONS,
     ),
@@ -139,7 +151,7 @@ FAULTS = (
     ),
     Fault(
         "targets: segments in a triangle's plane are met wherever they end", "targets.py",
-        "if plane[r] != 0 or closed_segment_meets(tri, k, r, voxel):", "if True:", MILLIONS,
+        "return n != 0 or closed_segment_meets(tri, k, r, voxel)", "return True", MILLIONS,
     ),
     Fault(
         "targets: a triangle of no area is in the plane of every diagonal", "targets.py",

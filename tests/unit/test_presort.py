@@ -20,13 +20,20 @@ def mesh_of(vertices, triangles):
     return Mesh(np.array(vertices, np.int32), triangles, np.zeros((len(triangles), 3, 0), "u4"))
 
 
+def classified(mesh, rules):
+    """Kinds, keys and counts of a mesh's triangles."""
+    kinds, keys = np.zeros(len(mesh.triangles), np.uint8), np.zeros(len(mesh.triangles), np.uint32)
+    counts = np.zeros(64, np.int64)
+    classify(mesh.vertices, mesh.triangles, rules, SPREAD, kinds, keys, counts)
+    return kinds, keys, counts
+
+
 def stored(mesh, closed=False):
     """(cell, number, corners) of every triangle of every segment, read back; segments."""
     rules = (K, CELL_BITS, RESOLUTION, closed)
-    kinds, counts = np.zeros(len(mesh.triangles), np.uint8), np.zeros(64, np.int64)
-    classify(mesh.vertices, mesh.triangles, rules, SPREAD, kinds, counts)
+    kinds, keys, counts = classified(mesh, rules)
     found, segments = Counter(), 0
-    for cell, owners, packed, indices in _small_segments(mesh, kinds, counts, rules):
+    for cell, owners, packed, indices in _small_segments(mesh, kinds, keys, counts, rules):
         points = np.empty((len(packed), 3), np.int64)
         unpack(packed.copy(), CELL // 2, np.zeros(3, np.int64), points)
         points += compact(np.array([cell], np.uint32))[0].astype(np.int64) * CELL
@@ -82,7 +89,6 @@ def test_vertices_that_triangles_share_are_stored_once():
     squares = np.stack([corner, corner + 1, corner + side + 1, corner + side], axis=1)
     mesh = mesh_of(points, np.concatenate([squares[:, :3], squares[:, [0, 2, 3]]]))
     rules = (K, CELL_BITS, RESOLUTION, False)
-    kinds, counts = np.zeros(len(mesh.triangles), np.uint8), np.zeros(64, np.int64)
-    classify(mesh.vertices, mesh.triangles, rules, SPREAD, kinds, counts)
-    [(_, owners, packed, _)] = _small_segments(mesh, kinds, counts, rules)
+    kinds, keys, counts = classified(mesh, rules)
+    [(_, owners, packed, _)] = _small_segments(mesh, kinds, keys, counts, rules)
     assert (len(owners), len(packed)) == (2 * (side - 1) ** 2, side * side)
