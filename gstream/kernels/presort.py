@@ -73,7 +73,7 @@ def spans(
 def lone_cell(
     vertices: I32, triangles: U32, t: int, rules: tuple[int, int, int, bool]
 ) -> tuple[int, int, int]:
-    """The cell of a SMALL triangle, x = -1 for any other: what `spans` says, in a third of its time."""
+    """The cell of a SMALL triangle, x = -1 for any other: as `spans`, in a third of its time."""
     k, cell_bits, resolution, closed = rules
     a, b, c = np.uint64(triangles[t, 0]), np.uint64(triangles[t, 1]), np.uint64(triangles[t, 2])
     x0, y0, z0 = np.int64(vertices[a, 0]), np.int64(vertices[a, 1]), np.int64(vertices[a, 2])
