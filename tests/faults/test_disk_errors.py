@@ -64,10 +64,10 @@ def test_a_job_that_is_stopped_when_its_output_is_there_is_done_without_another_
     for number in [n for n in tiny.numbers(*WRITING) if n > published]:
         tiny.empty()
         assert tiny.build_on(failing(number, errno.EIO))[0] == 3
-        made = tiny.output.stat()
+        made = tiny.output.stat().st_ino
         assert tiny.build("--report", report) == (0, "")
         assert json.loads(report.read_text())["stages"] == []
-        assert tiny.output.stat() == made
+        assert tiny.output.stat().st_ino == made
         assert tiny.held() == tiny.whole
         assert tiny.build()[0] == 2, "it is an output like any other now"
 
@@ -88,10 +88,10 @@ def test_an_output_that_is_not_what_the_stopped_job_made_is_kept(tiny, meanwhile
         other = tiny.place / "other"
         other.write_bytes(tiny.whole)
         other.replace(tiny.output)
-    made = tiny.output.stat()
+    made = tiny.output.stat().st_ino
     code, line = tiny.build(*more)
     assert (code, said in line) == (2, True), line
-    assert tiny.output.stat() == made
+    assert tiny.output.stat().st_ino == made
 
 
 def test_a_failing_disk_leaves_the_old_output_whole(tiny):

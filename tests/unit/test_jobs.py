@@ -143,10 +143,10 @@ def test_a_stream_that_was_complete_when_its_job_stopped_is_not_written_again(
         patched.setattr(publish, "sync_folder", fail)
         with pytest.raises(StoppedError, match="Input/output error"):
             request(tmp_path).run()
-    made = (tmp_path / "a.gst").stat()
+    made = (tmp_path / "a.gst").stat().st_ino
     again = request(tmp_path) if how == "rerun" else commands.resume(request(tmp_path).folder, {})
     assert again.run().stages == ()
-    assert (tmp_path / "a.gst").stat() == made
+    assert (tmp_path / "a.gst").stat().st_ino == made
     assert sorted(os.listdir(tmp_path)) == ["a.gst", "a.stl"]
 
 
