@@ -6,7 +6,7 @@ State is only files that appeared through `publish`: `job.json` here, done marke
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -17,7 +17,7 @@ from gstream.errors import GstreamError, RefusedError, StoppedError, UsageError
 from gstream.run.budget import MemoryPlan, plan_memory
 from gstream.run.fingerprint import agree, fingerprint_if_any
 from gstream.run.local import LOCK_FILE, locked_folder
-from gstream.run.publish import BESIDE, publish
+from gstream.run.publish import BESIDE, OUTPUT_FILE, publish
 
 PLAN_FILE = "job.json"
 
@@ -159,7 +159,7 @@ def job_folder(
     with locked_folder(str(path)):
         earlier = None if restart else Record.read(path)
         if earlier is None:
-            _empty(path)
+            _empty(path, {LOCK_FILE})
             plan, workers = wanted, wanted.workers
         else:
             _refuse_changes(path, earlier.identity, identity)
@@ -177,6 +177,8 @@ def job_folder(
             error.add_note(_ways_on(path))
             raise
         with suppress(OSError):  # the output is there: scratch that cannot be removed is no failure
+            # What is large goes first: a run that is killed meanwhile has left a finished job.
+            _empty(path, {LOCK_FILE, PLAN_FILE, OUTPUT_FILE})
             remove(path)
 
 
@@ -210,11 +212,11 @@ def _fitting(earlier: MemoryPlan, memory: int, workers: int) -> int:
         raise RefusedError(error.said, f"{error.remedy}, or --restart to start over") from error
 
 
-def _empty(path: Path) -> None:
+def _empty(path: Path, kept: Set[str]) -> None:
     for entry in path.iterdir():
         if entry.is_dir():
             shutil.rmtree(entry)
-        elif entry.name != LOCK_FILE:
+        elif entry.name not in kept:
             entry.unlink()
 
 

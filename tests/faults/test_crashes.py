@@ -55,6 +55,16 @@ def test_a_kill_before_any_operation_costs_only_the_unit_that_was_running(tiny):
         assert tiny.held() == tiny.whole
 
 
+def test_a_kill_while_the_job_s_folder_goes_leaves_a_finished_job(tiny):
+    gone = next(n for n, (_, path) in enumerate(tiny.log) if path.endswith(".removed"))
+    assert gone - tiny.end > 10, "each stage's folder is an operation"
+    for number in range(tiny.end, gone):
+        tiny.empty()
+        crash(tiny, number, None)
+        assert resume(tiny) == {}, f"killed at {tiny.log[number]}"
+        assert tiny.held() == tiny.whole
+
+
 @pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.long)])
 def test_what_a_power_loss_takes_is_made_again_and_never_believed(tiny, step):
     for number in tiny.numbers(*WRITING)[::step]:

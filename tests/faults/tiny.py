@@ -57,11 +57,13 @@ class TinyJob:
             return self.build(*more)
 
     def numbers(self, *operations: str) -> list[int]:
-        """Where in an undisturbed run these operations are, until the job's folder goes."""
-        last = max(n for n, (kind, path) in enumerate(self.log) if path.endswith(".removed"))
-        first = next(n for n, (_, path) in enumerate(self.log) if path.endswith(".removed"))
-        assert last - first < 8, "the folder goes in the end"
-        return [n for n, (kind, _) in enumerate(self.log[:first]) if kind in operations]
+        """Where in an undisturbed run these operations are, until the last unit is done."""
+        return [n for n, (kind, _) in enumerate(self.log[: self.end]) if kind in operations]
+
+    @property
+    def end(self) -> int:
+        """How many operations there are until the last unit is done; then the job's folder goes."""
+        return 1 + max(n for n, (_, path) in enumerate(self.log) if path.endswith(".done"))
 
 
 def tiny_job(folder: Path) -> TinyJob:
