@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gstream.errors import CorruptFileError, StoppedError, UnsupportedError, UsageError
 from gstream.formats.arithmetic import Arithmetic, Choice, plain
-from gstream.formats.batches import BATCH, Batch, cut, decode_batch
+from gstream.formats.batches import BATCH, SMALL, Batch, cut, decode_batch
 from gstream.formats.blockhead import BlockFileHeader, Head, parse_head
 from gstream.formats.columns import COLUMN_IDS, ColumnSpec, Record, decode_column, octree_masks
 from gstream.formats.directory import MAX_HEAD_BYTES, STATE_DATA, Rows, merged_runs, payload_span
@@ -184,7 +184,7 @@ class BlockFile:
         """The blocks of one level in Morton order, without the empty ones.
 
         columns : names of those that every block will be asked for: several blocks are decoded at
-            once, up to twice as fast. What is wrong with one is said when it is asked for
+            once where that is faster. What is wrong with one is said when it is asked for
         """
         return self.blocks_inside(level, EVERYWHERE, columns)
 
@@ -208,7 +208,8 @@ class BlockFile:
     def _views(self, entries: Rows, names: Sequence[str]) -> "list[BlockView]":
         """Blocks with their columns, as far as these can be decoded all at once."""
         views = [BlockView(self, entry) for entry in entries]
-        for name, batch in self.decode(entries, names).items():
+        small = entries["count"].mean() <= SMALL
+        for name, batch in self.decode(entries, names if small else ()).items():
             for view, values in zip(views, batch.blocks(), strict=True):
                 if values is not None:
                     view.decoded[name] = values

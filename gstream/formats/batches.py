@@ -34,7 +34,12 @@ from gstream.formats.framing import (
     decompress,
 )
 
-BATCH: Final = 1 << 17  # voxels that are decoded at once: what 1 MB of cache holds
+# Voxels that are decoded at once: half as many cost reading a sixth of its speed, twice as many
+# gain nothing.
+BATCH: Final = 1 << 18
+# Voxels of a block, on average, up to which reading gains: 1.5 times as fast at 2,700, but 0.8 at
+# 11,000, since a cache holds one block and not a batch.
+SMALL: Final = 1 << 13
 Flags = NDArray[np.bool_]
 Sizes = NDArray[np.int64]
 

@@ -88,7 +88,7 @@ def speeds(path: Path) -> list[str]:
 
         def decode(*names: str) -> None:
             for level in range(scene.levels):
-                for block in scene.blocks(level):
+                for block in scene.blocks(level, names):
                     for name in names:
                         block.column(name)
 
