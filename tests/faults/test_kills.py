@@ -1,16 +1,22 @@
 """A job with two workers is killed at random moments: all of it, or one worker, again and again."""
 
+import importlib
 import json
 import os
 import signal
+import subprocess
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from random import Random
 
 import pytest
 from e2e.meshes import sphere, write_ply
+from faults.forked import forked
 
+from gstream.run.commands import INGEST, VOXELIZE
+from gstream.run.local import serve
 from gstream_cli.main import status
 
 WORKERS = 2
@@ -24,9 +30,10 @@ class Target:
     """A job to kill, and what it makes when nobody does."""
 
     folder: Path
-    whole: bytes
-    units: int
-    seconds: float  # that it takes
+    popen: Callable[..., object]  # starts its workers
+    whole: bytes = b""
+    units: int = 0
+    seconds: float = 0.0  # that it takes
 
     @property
     def output(self) -> Path:
@@ -40,6 +47,7 @@ class Target:
         code = 1
         try:
             os.setsid()
+            subprocess.Popen = self.popen  # type: ignore[assignment,misc]
             os.dup2(os.open(self.folder / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
             arguments = ("build", self.folder / "s.ply", "-o", self.output, *SETTINGS)
             more = ("--tmp", self.folder, "--workers", WORKERS, "--report", self.folder / "report")
@@ -72,19 +80,21 @@ class Target:
         return sum(stage["units"] - stage["resumed"] for stage in stages)
 
 
-@pytest.fixture(scope="module")
-def target(tmp_path_factory) -> Target:
-    folder = tmp_path_factory.mktemp("kills")
-    write_ply(folder / "s.ply", *sphere(80))
-    first = Target(folder, b"", 0, 0.0)
+@pytest.fixture
+def target(tmp_path, request) -> Target:
+    write_ply(tmp_path / "s.ply", *sphere(80))
+    target = Target(tmp_path, request.param)
+    if request.param is not subprocess.Popen:  # then what this process has loaded, workers have
+        for name in (*INGEST, *VOXELIZE):
+            getattr(importlib.import_module(f"gstream.stages.{name}"), "warm", lambda: None)()
     for _ in range(2):  # the second does not compile
-        first.output.unlink(missing_ok=True)
+        target.output.unlink(missing_ok=True)
         began = time.monotonic()
-        assert os.waitpid(first.start(), 0)[1] == 0, (folder / "said").read_text()
+        assert os.waitpid(target.start(), 0)[1] == 0, (tmp_path / "said").read_text()
         seconds = time.monotonic() - began
-    target = Target(folder, first.output.read_bytes(), first.executed(), seconds)
+    whole = target.output.read_bytes()
     target.output.unlink()
-    return target
+    return replace(target, whole=whole, units=target.executed(), seconds=seconds)
 
 
 def workers_of(pid: int) -> list[int]:
@@ -113,7 +123,14 @@ def disturb(target: Target, child: int, random: Random) -> tuple[int, int | None
     return kills, ended
 
 
-@pytest.mark.parametrize("wanted", [40, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("target", "wanted"),
+    [
+        pytest.param(subprocess.Popen, 40, id="40"),
+        pytest.param(forked(serve), 1000, id="1000", marks=pytest.mark.long),
+    ],
+    indirect=["target"],
+)
 def test_random_kills_change_no_byte_and_what_was_done_is_not_done_again(target, wanted):
     random, kills, jobs = Random(wanted), 0, 0
     while kills < wanted or jobs == 0:

@@ -10,54 +10,29 @@ from pathlib import Path
 
 import pytest
 from faults.disk import Disk, Told
+from faults.forked import Forked, forked
 from faults.test_disk_errors import ERRORS, WRITING, failing
-from faults.tiny import TinyJob
 
 from gstream.run import local
 
 
-def forked(tiny: TinyJob, tolds: list[Told]) -> Callable[..., object]:
-    """A Popen whose processes are forked, as starting Python takes two seconds.
-
-    tolds : what each worker's disk tells, in the order in which workers are started; then nothing
-    """
-
-    class Forked:
-        def __init__(self, command: object, *, pass_fds: list[int], stdin: int) -> None:
-            told = tolds.pop(0) if tolds else lambda *_: None
-            self.returncode: int | None = None
-            self.pid = os.fork()
-            if self.pid == 0:
-                try:
-                    with Disk(tiny.place, told).installed():
-                        local.serve(pass_fds[0])
-                finally:
-                    os._exit(1)
-
-        def poll(self) -> int | None:
-            return self._ended(os.WNOHANG)
-
-        def wait(self) -> int | None:
-            return self._ended(0)
-
-        def kill(self) -> None:
-            if self.returncode is None:
-                os.kill(self.pid, signal.SIGKILL)
-
-        def _ended(self, how: int) -> int | None:
-            if self.returncode is None and (ended := os.waitpid(self.pid, how))[0]:
-                self.returncode = os.waitstatus_to_exitcode(ended[1])
-            return self.returncode
-
-    return Forked
-
-
 @pytest.fixture
 def build(tiny, monkeypatch) -> Callable[..., tuple[int, str]]:
-    """Build with one worker, the first of which has that disk: exit status, and what was said."""
+    """Build with one worker, and those that replace it, on these disks: status, what was said."""
 
     def run(*tolds: Told) -> tuple[int, str]:
-        monkeypatch.setattr(subprocess, "Popen", forked(tiny, list(tolds)))
+        left = iter(tolds)
+
+        def popen(*arguments: object, **named: object) -> Forked:
+            told = next(left, lambda *_: None)
+
+            def serve(pipe: int) -> None:
+                with Disk(tiny.place, told).installed():
+                    local.serve(pipe)
+
+            return forked(serve)(*arguments, **named)
+
+        monkeypatch.setattr(subprocess, "Popen", popen)
         return tiny.build("--workers", 1)
 
     return run
@@ -66,9 +41,13 @@ def build(tiny, monkeypatch) -> Callable[..., tuple[int, str]]:
 @pytest.fixture
 def log(tiny, build, tmp_path) -> list[tuple[str, str]]:
     """The operations of the one worker of an undisturbed run."""
-    with (tmp_path / "log").open("a", buffering=1) as file:
-        tiny.empty()
-        assert build(lambda _, *operation: file.write("\t".join(operation) + "\n")) == (0, "")
+
+    def tell(_: int, *operation: str) -> None:
+        with (tmp_path / "log").open("a") as file:
+            file.write("\t".join(operation) + "\n")
+
+    tiny.empty()
+    assert build(tell) == (0, "")
     lines = (tmp_path / "log").read_text().splitlines()
     found = [(kind, path) for kind, _, path in (line.partition("\t") for line in lines)]
     stages = {Path(path).parent.name for kind, path in found if path.endswith(".done")}
