@@ -94,6 +94,14 @@ def test_an_output_that_is_not_what_the_stopped_job_made_is_kept(tiny, meanwhile
     assert tiny.output.stat().st_ino == made
 
 
+def test_a_job_whose_folder_cannot_be_removed_has_ended_well(tiny):
+    gone = max(n for n, (_, path) in enumerate(tiny.log) if path.endswith(".removed"))
+    for number in range(tiny.end, gone + 1):
+        tiny.empty()
+        assert tiny.build_on(failing(number, errno.EIO)) == (0, ""), tiny.log[number]
+        assert tiny.held() == tiny.whole
+
+
 def test_a_failing_disk_leaves_the_old_output_whole(tiny):
     log = []
 
