@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from gstream.kernels import kernel, part
-from gstream.kernels.octree import count_leaves, decode_occupancy, encode_occupancy
+from gstream.kernels.octree import (
+    count_leaves,
+    decode_occupancy,
+    decode_octrees,
+    encode_occupancy,
+)
 
 __all__ = ["apply_filter", "count_leaves", "decode_occupancy", "encode_occupancy", "undo_filter"]
 
@@ -79,6 +84,7 @@ def warm() -> None:
     masks = encode_occupancy(np.zeros(1, np.uint32), 3)
     masks = np.frombuffer(masks.tobytes(), np.uint8)
     decode_occupancy(masks, 3, count_leaves(masks, 3))
+    decode_octrees(masks, np.array([masks.size]), np.array([1]), 3)
 
 
 @part

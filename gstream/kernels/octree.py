@@ -6,7 +6,7 @@ The same bytes as gstream/formats/filters.py. Source: spec, "Occupancy".
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.kernels import kernel, part
+from gstream.kernels import kernel
 
 ZERO, ONE = np.uint64(0), np.uint64(1)
 
@@ -30,7 +30,10 @@ def encode_occupancy(morton: NDArray[np.uint32], log2_edge: int) -> NDArray[np.u
 
 def decode_occupancy(masks: NDArray[np.uint8], log2_edge: int, count: int) -> NDArray[np.uint32]:
     """Turn checked octree child masks back into local codes; see formats/filters.py."""
-    return decode_octrees(masks, np.array([masks.size]), np.array([count]), log2_edge)[0]
+    nodes = np.empty(masks.size + 8, np.uint32), np.empty(masks.size + 8, np.uint32)
+    codes = np.empty(count + 8, np.uint32)
+    unfold_octree(masks, log2_edge, nodes, codes)
+    return codes[:count]
 
 
 @kernel
@@ -112,7 +115,7 @@ def decode_octrees(masks, sizes, counts, log2_edge):
     return codes[:total], sound
 
 
-@part
+@kernel
 def unfold_octree(masks, log2_edge, nodes, codes):
     """Expand octree child masks into ascending local codes.
 
