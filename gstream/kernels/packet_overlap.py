@@ -56,59 +56,77 @@ def limit_axis(words: I64, room: tuple[int, int, int], axis: int, size: int, lim
 
 
 @part
-def edge_of(
-    words: I64, axis: int, start: int, end: int, turn: int, lane: int
-) -> tuple[int, int, int]:
-    """(a, b, c): seen along an axis, side `turn` of the edge from corner `start` to corner `end` is
-    where a*p + b*q + c >= 0; p and q are the two axes that follow."""
-    p, q = (axis + 1) % 3, (axis + 2) % 3
-    start_p, start_q = words[at(3 * start + p, lane)], words[at(3 * start + q, lane)]
-    a = turn * (start_q - words[at(3 * end + q, lane)])
-    b = turn * (words[at(3 * end + p, lane)] - start_p)
-    return a, b, -a * start_p - b * start_q
+def product(a: int, b: int) -> int:
+    """a * b of numbers below 2^31: one instruction of a vector unit, where 64 bits take three."""
+    return np.int64(np.int32(a)) * np.int64(np.int32(b))
 
 
 @part
-def prepare_edges(words: I64, k: int, axis: int, edges: I32) -> None:
-    """The three edge tests of the projection along an axis; see `overlap.edges_of_projection`."""
+def prepare_edges(words: I64, k: int, axis: int, six: bool, edges: I32) -> None:
+    """The three edge tests of the projection along an axis; see `overlap.edges_of_projection`.
+
+    Seen along the axis, the triangle's side of an edge is where a*p + b*q + c >= 0; p and q are the
+    two axes that follow.
+    """
+    edge_test(words, k, axis, 0, 1, six, edges)
+    edge_test(words, k, axis, 1, 2, six, edges)
+    edge_test(words, k, axis, 2, 0, six, edges)
+    flat = np.int64(0)
     for lane in range(LANES):
-        n = words[at(NORMAL + axis, lane)]
-        turn = -1 if n < 0 else 1
-        a0, b0, c0 = edge_of(words, axis, 0, 1, turn, lane)
-        a1, b1, c1 = edge_of(words, axis, 1, 2, turn, lane)
-        a2, b2, c2 = edge_of(words, axis, 2, 0, turn, lane)
-        # A projection without area is a segment: its longest edge, forwards and backwards.
-        flat = n == 0
-        long_0, long_1, long_2 = abs(a0) + abs(b0), abs(a1) + abs(b1), abs(a2) + abs(b2)
-        second, third = long_1 > long_0, long_2 > max(long_0, long_1)
-        a = a2 if third else (a1 if second else a0)
-        b = b2 if third else (b1 if second else b0)
-        c = c2 if third else (c1 if second else c0)
-        a0, b0, c0 = a if flat else a0, b if flat else b0, c if flat else c0
-        a1, b1, c1 = -a if flat else a1, -b if flat else b1, -c if flat else c1
-        a2, b2, c2 = 0 if flat else a2, 0 if flat else b2, 0 if flat else c2
-        # Of (p, q), the earlier one of x, y, z decides ties: q where the projection is along y.
-        q_first = turned(words[at(FIRST_AXIS, lane)], axis) == 1
-        c0 -= tie(a0, b0, q_first)
-        c1 -= tie(a1, b1, q_first)
-        c2 -= tie(a2, b2, q_first)
-        row, centre = 9 * axis, CENTRE + 3 * axis
-        edges[at(row, lane)], edges[at(row + 1, lane)] = np.int32(a0), np.int32(b0)
-        edges[at(row + 3, lane)], edges[at(row + 4, lane)] = np.int32(a1), np.int32(b1)
-        edges[at(row + 6, lane)], edges[at(row + 7, lane)] = np.int32(a2), np.int32(b2)
-        edges[at(row + 2, lane)] = np.int32((c0 + ((max(a0, 0) + max(b0, 0)) << k)) >> k)
-        edges[at(row + 5, lane)] = np.int32((c1 + ((max(a1, 0) + max(b1, 0)) << k)) >> k)
-        edges[at(row + 8, lane)] = np.int32((c2 + ((max(a2, 0) + max(b2, 0)) << k)) >> k)
-        edges[at(centre, lane)] = np.int32((c0 + ((a0 + b0) << (k - 1))) >> k)
-        edges[at(centre + 1, lane)] = np.int32((c1 + ((a1 + b1) << (k - 1))) >> k)
-        edges[at(centre + 2, lane)] = np.int32((c2 + ((a2 + b2) << (k - 1))) >> k)
+        flat |= np.int64(words[at(NORMAL + axis, lane)] == 0)
+    if flat:
+        flatten_edges(words, k, axis, edges)
 
 
 @part
-def tie(a: int, b: int, b_first: bool) -> int:
+def edge_test(words: I64, k: int, axis: int, start: int, end: int, six: bool, edges: I32) -> None:
+    """The test of the edge from corner `start` to corner `end`, where the projection has an area."""
+    p, q = (axis + 1) % 3, (axis + 2) % 3
+    row, centre = 9 * axis + 3 * start, CENTRE + 3 * axis + start
+    for lane in range(LANES):
+        start_p, start_q = words[at(3 * start + p, lane)], words[at(3 * start + q, lane)]
+        a, b = start_q - words[at(3 * end + q, lane)], words[at(3 * end + p, lane)] - start_p
+        mirrored = words[at(NORMAL + axis, lane)] < 0
+        a, b = -a if mirrored else a, -b if mirrored else b
+        c = -product(a, start_p) - product(b, start_q) - tie(words, axis, a, b, lane)
+        edges[at(row, lane)], edges[at(row + 1, lane)] = np.int32(a), np.int32(b)
+        edges[at(row + 2, lane)] = np.int32((c + ((max(a, 0) + max(b, 0)) << k)) >> k)
+        if six:
+            edges[at(centre, lane)] = np.int32((c + ((a + b) << (k - 1))) >> k)
+
+
+@part
+def flatten_edges(words: I64, k: int, axis: int, edges: I32) -> None:
+    """Where a projection has no area it is a segment: its longest edge, forwards and backwards."""
+    p, q = (axis + 1) % 3, (axis + 2) % 3
+    row, centre = 9 * axis, CENTRE + 3 * axis
+    for lane in range(LANES):
+        if words[at(NORMAL + axis, lane)] != 0:
+            continue
+        longest, a, b, c = np.int64(-1), np.int64(0), np.int64(0), np.int64(0)
+        for start in range(3):
+            end = start + 1 if start < 2 else 0
+            start_p, start_q = words[at(3 * start + p, lane)], words[at(3 * start + q, lane)]
+            along_p = words[at(3 * end + p, lane)] - start_p
+            along_q = words[at(3 * end + q, lane)] - start_q
+            if abs(along_p) + abs(along_q) > longest:
+                longest, a, b = abs(along_p) + abs(along_q), -along_q, along_p
+                c = -a * start_p - b * start_q
+        for e in range(3):
+            c_tied = c - tie(words, axis, a, b, lane)
+            edges[at(row + 3 * e, lane)], edges[at(row + 3 * e + 1, lane)] = a, b
+            edges[at(row + 3 * e + 2, lane)] = (c_tied + ((max(a, 0) + max(b, 0)) << k)) >> k
+            edges[at(centre + e, lane)] = (c_tied + ((a + b) << (k - 1))) >> k
+            a, b, c = (-a, -b, -c) if e == 0 else (np.int64(0), np.int64(0), np.int64(0))
+
+
+@part
+def tie(words: I64, axis: int, a: int, b: int, lane: int) -> int:
     """1 where a value of exactly 0 is beyond the edge; see `overlap.tie`."""
-    first, second = b if b_first else a, a if b_first else b
-    return np.int64((first > 0) | ((first == 0) & (second > 0)))
+    # Of (p, q), the earlier one of x, y, z decides ties: q where the projection is along y.
+    q_first = turned(words[at(FIRST_AXIS, lane)], axis) == 1
+    first, second = b if q_first else a, a if q_first else b
+    return np.int64((first << 32) + second > 0)
 
 
 @part

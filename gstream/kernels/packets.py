@@ -206,9 +206,9 @@ def emit_packets(
         for lane in range(used, LANES):  # a repeated triangle writes nothing
             for i in range(wide):
                 limits[at(i, lane)] = -1
-        prepare_edges(words, k, 0, edges)
-        prepare_edges(words, k, 1, edges)
-        prepare_edges(words, k, 2, edges)
+        prepare_edges(words, k, 0, six, edges)
+        prepare_edges(words, k, 1, six, edges)
+        prepare_edges(words, k, 2, six, edges)
         test_squares(edges, limits, 0, THRESHOLD, 3, long, deep, squares)
         test_squares(edges, limits, 1, THRESHOLD + 9, 3, deep, wide, squares)
         test_squares(edges, limits, 2, THRESHOLD + 18, 3, wide, long, squares)

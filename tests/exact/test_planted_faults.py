@@ -52,8 +52,8 @@ class Fault:
 FAULTS = (
     Fault(
         "small triangles: an edge lies one snap unit too far in", "packet_overlap.py",
-        "(c1 + ((max(a1, 0) + max(b1, 0)) << k)) >> k",
-        "(c1 + ((max(a1, 0) + max(b1, 0)) << k) - 1) >> k", MILLIONS,
+        "np.int32((c + ((max(a, 0) + max(b, 0)) << k)) >> k)",
+        "np.int32((c + ((max(a, 0) + max(b, 0)) << k) - 1) >> k)", MILLIONS,
     ),
     Fault(
         "small triangles: the wrong projection takes ties by its second axis", "packet_overlap.py",
