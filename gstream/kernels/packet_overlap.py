@@ -80,7 +80,7 @@ def prepare_edges(words: I64, k: int, axis: int, six: bool, edges: I32) -> None:
 
 @part
 def edge_test(words: I64, k: int, axis: int, start: int, end: int, six: bool, edges: I32) -> None:
-    """The test of the edge from corner `start` to corner `end`, where the projection has an area."""
+    """The test of the edge from corner `start` to `end`, where the projection has an area."""
     p, q = (axis + 1) % 3, (axis + 2) % 3
     row, centre = 9 * axis + 3 * start, CENTRE + 3 * axis + start
     for lane in range(LANES):
