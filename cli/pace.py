@@ -24,8 +24,8 @@ STALL_SECONDS = 10.0
 class Pace:
     """Rate and time left of the running stage, and of the job where its stages are known.
 
-    The job's time left is its own time so far, scaled by the usual shares of its stages: an
-    estimate, better the more of the job is done.
+    The job's time left is that of the running stage by its own pace, and that of the stages ahead
+    by the job's time so far and the usual shares: an estimate, better the more of the job is done.
     """
 
     def __init__(self) -> None:
@@ -89,10 +89,12 @@ class Pace:
     @property
     def job_left(self) -> float | None:
         """Seconds; None while too little is done to tell."""
-        part = self.job_part
-        if part < LEAST_PART:
+        if self.job_part < LEAST_PART:
             return None
-        return _left(time.monotonic() - self._job_began, part)
+        done = self._passed + self._share * self.part
+        each = (time.monotonic() - self._job_began) / done  # seconds of one share
+        running = self.stage_left if self._done_cost else self._share * each
+        return running + sum(self._ahead) * each
 
     @property
     def rate(self) -> str:

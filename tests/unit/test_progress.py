@@ -71,7 +71,7 @@ def test_a_stage_s_time_left_is_by_cost_and_without_what_came_before_its_first_u
     assert of.stage_left == pytest.approx(2)
 
 
-def test_a_job_s_time_left_is_its_time_so_far_over_the_shares_that_are_done(clock):
+def test_a_job_s_time_left_is_by_the_running_stage_s_pace_and_the_shares_of_those_ahead(clock):
     of = Pace()
     of(start("presort", "voxelize", "pack"))
     assert of.job_left is None
@@ -80,11 +80,12 @@ def test_a_job_s_time_left_is_its_time_so_far_over_the_shares_that_are_done(cloc
     of(UnitDone("3-presort", 1.0, seconds=10.0))
     of(StageEnds("3-presort", 10.0))
     assert of.job_left == pytest.approx(40)
-    of(StageBegins("4-voxelize", 2, 2.0))
-    clock.now += 30
-    of(UnitDone("4-voxelize", 1.0, seconds=30.0))
+    of(StageBegins("4-voxelize", 4, 4.0))
     assert of.job_left == pytest.approx(40)
-    assert of.job_part == pytest.approx(0.5)
+    clock.now += 30  # presort was no measure of it
+    of(UnitDone("4-voxelize", 1.0, seconds=30.0))
+    assert of.job_part == pytest.approx(0.35)
+    assert of.job_left == pytest.approx(90 + 20 * 40 / 35)
 
 
 def test_what_an_earlier_run_has_done_is_no_part_of_a_resumed_job(clock):
