@@ -325,10 +325,12 @@ def _meets_small(corners: Array, rules: Rules, scene: Scene) -> tuple[int, int]:
     local = corners - (base << rules.snap_bits)[:, None, :]
     met, touched = np.zeros(len(corners), np.bool_), np.zeros(len(corners), np.bool_)
     for owners, keys, hits in fragments(local, rules, (256, 256, 256)):
-        voxel = compact(keys) + base[owners]
-        inside = ((voxel >= 0) & (voxel < scene.grid.resolution)).all(axis=1)
-        touched[owners[inside]] = True
-        met[owners[inside & hits]] = True
+        if scene.cropped:
+            voxel = compact(keys) + base[owners]
+            inside = ((voxel >= 0) & (voxel < scene.grid.resolution)).all(axis=1)
+            owners, hits = owners[inside], hits[inside]
+        touched[owners] = True
+        met[owners[hits]] = True
     return int(met.sum()), int(touched.sum())
 
 
