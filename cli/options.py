@@ -109,7 +109,7 @@ watching = stack(
         "--log",
         metavar="FILE",
         help="Append what happens to FILE, a line of JSON for each event: start, resumed, "
-        "stage_begin, unit_done, unit_left_out, stage_end, memory, note, and stopped, "
+        "stage_begin, kernels, unit_done, unit_left_out, stage_end, memory, note, and stopped, "
         "error or end.",
     ),
     quiet,

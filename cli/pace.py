@@ -3,7 +3,7 @@
 import time
 from collections import deque
 
-from gstream.run.progress import Event, Resumed, StageBegins, StageEnds, Start, UnitDone
+from gstream.run.progress import Event, Kernels, Resumed, StageBegins, StageEnds, Start, UnitDone
 
 # Seconds of each stage per hundred seconds, measured: 4 M triangles at 2048^3 with two workers, and
 # the levels of what came out. Other jobs differ, but their own time scales it.
@@ -32,6 +32,7 @@ class Pace:
         self.units = self.done = 0  # of the running stage, those of earlier runs included
         self._before = 0  # units of earlier runs
         self._cost = self._done_cost = 0.0
+        self._compiling = False
         self._began = self._last = self._job_began = time.monotonic()
         self._ahead: deque[float] = deque()  # shares of the stages that have not begun
         self._share = self._passed = 0.0  # of the running stage, of those that have ended
@@ -51,6 +52,8 @@ class Pace:
                 self.units, self.done = self._before + event.units, self._before
                 self._cost, self._done_cost = event.cost, 0.0
                 self._share = event.share * (self._ahead.popleft() if self._ahead else 0.0)
+            case Kernels():
+                self._compiling, self._last = not event.ready, now
             case UnitDone():
                 if self.done == self._before and event.seconds:
                     self._skip_start(now - event.seconds)
@@ -111,6 +114,8 @@ class Pace:
     def __str__(self) -> str:
         counts = f"{self.done}/{self.units} units"
         if self.stalled is not None:
+            if self._compiling:
+                return f"{counts}, compiling for {clock(self.stalled)}, once after an installation"
             if self.done == self._before:
                 return f"{counts}, none finished in {clock(self.stalled)}"
             return f"{counts}, the last one was finished {clock(self.stalled)} ago"

@@ -17,8 +17,8 @@ MEMORY_SECONDS = 5.0  # between two samples: 100 KB of them in an hour
 class Log:
     """A Progress that appends to a file; the job goes on where that cannot be written.
 
-    A line: `event`, one of start, resumed, stage_begin, unit_done, unit_left_out, stage_end,
-    memory, note, stopped, error, end; `time`, UTC; and the fields of the event
+    A line: `event`, one of start, resumed, stage_begin, kernels, unit_done, unit_left_out,
+    stage_end, memory, note, stopped, error, end; `time`, UTC; and the fields of the event
     (`gstream.run.progress`). The last line of a run is stopped, error or end, unless it was killed.
     """
 

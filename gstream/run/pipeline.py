@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from gstream.job import Job, Summary, Unit
 from gstream.run.local import Workers, disk_errors, stop_on_signals
 from gstream.run.progress import (
+    Kernels,
     Memory,
     Progress,
     Resumed,
@@ -130,7 +131,7 @@ class _Running:
             with scratch.write(f"{stage.NAME}/{UNITS_FILE}") as file:
                 file.write(json.dumps({"units": len(units)}).encode())
         self._begin(stage, units, pending)
-        warm_seconds, warming = _warm(stage) if pending else (0.0, Usage())
+        warm_seconds, warming = self._warm(stage) if pending else (0.0, Usage())
         unit_seconds = 0.0
 
         def done(unit: Unit, seconds: float) -> None:
@@ -159,6 +160,19 @@ class _Running:
         ended(stage)
         return report
 
+    def _warm(self, stage: Stage) -> tuple[float, Usage]:
+        """Compile in the parent first: many processes filling one numba cache is numba issue 4807.
+
+        Stage by stage, so that a bad input is refused before kernels that it would never reach.
+        """
+        started, usage = perf_counter(), tree_usage(os.getpid())
+        warm = getattr(stage, "warm", None)
+        if warm is not None:
+            self.tell(Kernels(stage.NAME, ready=False))
+            warm()
+            self.tell(Kernels(stage.NAME, ready=True))
+        return perf_counter() - started, tree_usage(os.getpid()).since(usage)
+
     def _begin(self, stage: Stage, units: Sequence[Unit], pending: Sequence[Unit]) -> None:
         if len(pending) < len(units):
             self.tell(Resumed(stage.NAME, len(units) - len(pending)))
@@ -168,15 +182,3 @@ class _Running:
 
 def _flat(report: dict[str, Any]) -> dict[str, Any]:
     return {**report.pop("usage"), **report}
-
-
-def _warm(stage: Stage) -> tuple[float, Usage]:
-    """Compile in the parent first: many processes filling one numba cache is numba issue 4807.
-
-    Stage by stage, so that a bad input is refused before kernels that it would never reach.
-    """
-    started, usage = perf_counter(), tree_usage(os.getpid())
-    warm = getattr(stage, "warm", None)
-    if warm is not None:
-        warm()
-    return perf_counter() - started, tree_usage(os.getpid()).since(usage)

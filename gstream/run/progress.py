@@ -49,6 +49,15 @@ class StageBegins:
 
 
 @dataclass(frozen=True, slots=True)
+class Kernels:
+    """A stage's kernels are loaded, or compiled where no run has done it before; then `ready`."""
+
+    NAME: ClassVar = "kernels"
+    stage: str
+    ready: bool
+
+
+@dataclass(frozen=True, slots=True)
 class UnitDone:
     """A unit of that estimated cost is finished; or several small ones, told of together."""
 
@@ -124,6 +133,7 @@ Event = (
     | Start
     | Resumed
     | StageBegins
+    | Kernels
     | UnitDone
     | UnitLeftOut
     | StageEnds

@@ -18,7 +18,15 @@ from gstream.errors import (
     UsageError,
 )
 from gstream.run.local import UnitError
-from gstream.run.progress import Event, Note, StageBegins, StageEnds, UnitDone
+from gstream.run.progress import (
+    Event,
+    Kernels,
+    Memory,
+    Note,
+    StageBegins,
+    StageEnds,
+    UnitDone,
+)
 from gstream_cli import main, options
 from gstream_cli.pace import clock
 from gstream_cli.progress import Bars, Blocks, Lines
@@ -266,6 +274,19 @@ def test_lines_are_two_seconds_apart_and_held_notes_come_with_the_first(capsys, 
         "working in x",
         "voxelize: 2/4 units, 0.7/s, 0:03 left",
         "voxelize: 4/4 units, 0.7/s, 0:00 left",
+    ]
+
+
+def test_a_stage_that_compiles_says_so_and_not_that_its_units_take_long(capsys, clock_by_hand):
+    lines = Lines(sys.stderr)
+    lines(StageBegins("voxelize", 4, 8.0))
+    for ready in (False, True):
+        lines(Kernels("voxelize", ready))
+        clock_by_hand.now += 12.0
+        lines(Memory(0, 0))
+    assert capsys.readouterr().err.splitlines() == [
+        "voxelize: 0/4 units, compiling for 0:12, once after an installation",
+        "voxelize: 0/4 units, none finished in 0:12",
     ]
 
 
