@@ -350,7 +350,8 @@ def test_a_run_tells_start_and_end_and_a_stopped_one_how_to_go_on(stopped, tmp_p
             request(tmp_path).run(told.append)
     names = [event.NAME for event in told if event.NAME != "memory"]
     first = ["note", "note", "start", "resumed", "stage_begin", "stage_end"]
-    assert names == [*first, "resumed", "stage_begin", "unit_done", "stopped"]
+    ready = ["kernels", "kernels"]  # loading, then loaded
+    assert names == [*first, "resumed", "stage_begin", *ready, "unit_done", "stopped"]
     assert re.fullmatch("disk: about [0-9.]+ MiB of scratch, [0-9.]+ MiB of output", told[0].said)
     assert f"gstream resume {stopped}" in told[-1].said
     told.clear()
