@@ -1,7 +1,7 @@
 """Areas of one triangle in all voxels of its box, by walking along outlines.
 
-As `cover.py`, which says how, but for a triangle by itself, whose box is larger. Clipping costs a
-triangle of 45 fragments 9 us, most of it in columns that its edges cross; walking 3.
+As `cover.py`, which says how, but for a triangle by itself, whose box is larger. With clipping a
+triangle of 50 fragments took 6.1 us, most of it in columns that its edges cross; walking, 3.7.
 """
 
 import numpy as np

@@ -19,7 +19,7 @@ from gstream.kernels import indexing
 from gstream.kernels.foresee import foresee
 from gstream.run.budget import DiskNeed
 
-SAMPLED_CHUNKS: Final = 16  # 20 ms each
+SAMPLED_CHUNKS: Final = 16  # 4 ms each
 # Bytes of file per voxel of level 0, all levels and columns: five scans and a noisy sphere have 4.0
 # to 5.3 where voxels are 6-separating, four of them 3.4 to 4.5 where they are not.
 FILE_BYTES: Final = {"6": 4.7, "26": 3.9, "conservative": 3.9}
