@@ -215,6 +215,10 @@ def _encode_column(
             data, codec = whole.tobytes(), CODEC_RAW
         if best is None or len(data) < len(best[0]):
             best = (data, codec, filter_id)
+        # Normals that deltas leave as noise: on two scans and two CAD models byte planes win in 4 %
+        # of such blocks, 0.15 % of their bytes, and trying them is 6 % of all CPU.
+        if spec.name == "normal" and 2 * len(data) > len(whole):
+            break
     if best is None:
         raise ValueError(f"column {spec.name} has no filter to try")
     data, codec, filter_id = best

@@ -1,6 +1,7 @@
 """Whole columns: what a writer chooses, what a reader gives back, and what it refuses."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -111,6 +112,23 @@ def test_the_smaller_candidate_is_stored_and_its_entry_describes_it():
             assert column.filter == spec.candidates[sizes.index(min(sizes))]
         assert column.raw_bytes == len(raw)
         assert column.hash64 == c.hash64(raw)
+
+
+def test_normals_that_deltas_cannot_halve_are_tried_with_nothing_else():
+    block = sheet()
+    tried = []
+
+    def recorded(filter_id, values, bits):
+        tried.append(filter_id)
+        return plain.apply_filter(filter_id, values, bits)
+
+    filters = SimpleNamespace(apply_filter=recorded)
+    c.encode_block(block, LOG2_EDGE, ("normal",), 11, "fast", filters=filters)
+    assert tried == [plain.DELTA_BIT_PLANES, plain.BYTE_PLANES]
+    tried.clear()
+    block.normal = np.random.default_rng(2).integers(0, 1 << 11, (block.count, 2), np.uint16)
+    c.encode_block(block, LOG2_EDGE, ("normal",), 11, "fast", filters=filters)
+    assert tried == [plain.DELTA_BIT_PLANES]
 
 
 def test_the_hash_is_blake2b_of_8_bytes_read_little_endian():
