@@ -44,7 +44,7 @@ bounds: $(READY)
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy --strict gstream cli
+	$(BIN)/mypy --strict gstream cli tools
 	$(BIN)/lint-imports
 
 # What is written from the source: the table of rules, and what programs must answer of the vectors.

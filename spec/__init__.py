@@ -1,0 +1,1 @@
+"""The public formats: pages, tables, schemas, vectors, reference decoder."""
