@@ -58,6 +58,12 @@ def names() -> list[str]:
     return sorted(path.relative_to(VECTORS).as_posix() for path in VECTORS.glob("*/*.gs[bt]"))
 
 
+def frozen() -> list[str]:
+    """The vectors and the scenes."""
+    scenes = (path.relative_to(VECTORS).as_posix() for path in VECTORS.glob("scenes/*"))
+    return sorted([*names(), *scenes])
+
+
 def recorded() -> dict[str, str]:
     """The digest of each vector that was ever added, as `sha256sum` writes it."""
     return {name: digest for digest, name in map(str.split, SUMS.read_text().splitlines())}
@@ -70,5 +76,5 @@ def digest_of(name: str) -> str:
 
 if __name__ == "__main__":
     (VECTORS / "expected.json").write_text(answers())
-    digests = {name: digest_of(name) for name in names()} | recorded()
+    digests = {name: digest_of(name) for name in frozen()} | recorded()
     SUMS.write_text("".join(f"{digests[name]}  {name}\n" for name in sorted(digests)))
