@@ -1,0 +1,83 @@
+"""The voxels on the GPU: one buffer, in which a pool says where each block lies (thesis, 4.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from .pool import Move, Pool
+
+Words = NDArray[np.uint32]
+STAGING_BYTES = 4 << 20
+WORD = 4
+
+
+class VoxelBuffer:
+    """Blocks of voxels of `stride` words each, by row of the tree."""
+
+    def __init__(self, context: moderngl.Context, capacity: int, stride: int) -> None:
+        self._context = context
+        self.stride = stride
+        self.pool = Pool(capacity)
+        self.buffer = context.buffer(reserve=max(capacity, 1) * stride * WORD, dynamic=True)
+        self._staging = context.buffer(reserve=STAGING_BYTES, dynamic=True)
+        self.uploaded = 0  # bytes, since the start
+
+    def upload(self, blocks: Sequence[tuple[int, Words]]) -> None:
+        """Write blocks to where the pool has them.
+
+        Packed into the staging buffer, moved with one transfer for each of its fillings, then
+        scattered by copies on the GPU. A block longer than the staging buffer is cut.
+        """
+        pieces: list[tuple[int, bytes]] = []
+        room = STAGING_BYTES
+        for node, words in blocks:
+            place = self.pool.place(node)
+            if place is None:
+                raise ValueError(f"block {node} has no place")
+            data, target = words.tobytes(), place[0] * self.stride * WORD
+            at = 0
+            while at < len(data):
+                piece = data[at : at + room]
+                pieces.append((target + at, piece))
+                at += len(piece)
+                room -= len(piece)
+                if room == 0:
+                    self._scatter(pieces)
+                    pieces, room = [], STAGING_BYTES
+        self._scatter(pieces)
+
+    def move(self, moves: Sequence[Move]) -> None:
+        """Carry out what the pool's defragmentation asks for."""
+        size = self.stride * WORD
+        for move in moves:
+            self._context.copy_buffer(
+                self.buffer, self.buffer, move.count * size, read_offset=move.source * size,
+                write_offset=move.target * size,
+            )  # fmt: skip
+
+    def read(self, node: int) -> Words:
+        """What the GPU has of a block: (n, stride)."""
+        place = self.pool.place(node)
+        if place is None:
+            raise ValueError(f"block {node} has no place")
+        size = self.stride * WORD
+        data = self.buffer.read(place[1] * size, offset=place[0] * size)
+        return np.frombuffer(data, np.uint32).reshape(-1, self.stride)
+
+    def _scatter(self, pieces: Sequence[tuple[int, bytes]]) -> None:
+        if not pieces:
+            return
+        packed = b"".join(piece for _, piece in pieces)
+        self._staging.orphan()
+        self._staging.write(packed)
+        self.uploaded += len(packed)
+        at = 0
+        for target, piece in pieces:
+            self._context.copy_buffer(
+                self.buffer, self._staging, len(piece), read_offset=at, write_offset=target
+            )
+            at += len(piece)

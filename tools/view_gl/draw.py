@@ -1,0 +1,252 @@
+"""Drawing a frame: passes over the blocks that the cut names, in the order of `spec/effects.toml`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from .buffers import VoxelBuffer
+from .camera import View
+from .programs import FLAG_GROUP, Programs
+from .target import Target
+from .tree import Nodes, Tree
+
+Words = NDArray[np.uint32]
+SPRITE_PIXELS = 24.0  # larger voxels are drawn as faces: points have a greatest size
+COMMAND = 5  # words of an indirect command: four, and one that moderngl's stride has
+
+
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """Blocks on the GPU: indirect commands, and the record of each block, which they number."""
+
+    commands: moderngl.Buffer
+    records: moderngl.Buffer
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Appearance:
+    """What the defines of a program need beside the camera, by uniform's name."""
+
+    values: Mapping[str, bytes | float | int | bool | tuple[float, ...]]
+
+
+class Painter:
+    """The programs of one scene, and the passes that they make.
+
+    defines : what `gstream_tools.scene.resolve` gives for the scene and file
+    columns : the words of a voxel behind its first, in order: normal, colour
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        voxels: VoxelBuffer,
+        defines: Mapping[str, int],
+        columns: Sequence[str],
+        block_log2: int,
+        normal_bits: int,
+    ) -> None:
+        self._context = context
+        self._voxels = voxels
+        self._defines = dict(defines)
+        self._layout = ["voxel", *columns]
+        self._fixed = {"last": (1 << block_log2) - 1, "normal_bits": normal_bits}
+        self.programs = Programs(context)
+        self._made: dict[str, tuple[moderngl.Program, moderngl.VertexArray | None]] = {}
+        self._commands = context.buffer(reserve=COMMAND * 4, dynamic=True)
+        self._records = context.buffer(reserve=24, dynamic=True)
+        self._flags = context.buffer(reserve=4, dynamic=True)
+        self._flagging: moderngl.ComputeShader | None = None
+        self.passes: list[str] = []  # of the last frame, in order
+
+    def begin(self, tree: Tree, lists: Sequence[Nodes], origin: NDArray[np.int64]) -> list[Draws]:
+        """Write what is to be drawn; blocks are numbered through all lists, for their flags.
+
+        lists : rows of the tree; the second one, if there is one, is of probes
+        """
+        self.passes.clear()
+        nodes = np.concatenate(lists)
+        places = [self._voxels.pool.place(int(node)) or (0, 0) for node in nodes]
+        commands = np.zeros((len(nodes), COMMAND), np.uint32)
+        commands[:, 1] = 1
+        commands[:, 3] = np.arange(len(nodes))
+        if len(nodes):
+            commands[:, [2, 0]] = places
+        records = np.empty((len(nodes), 6), np.int32)
+        level = tree.level[nodes]
+        records[:, :3] = (tree.corner[nodes] << level[:, None]) - origin
+        records[:, 3] = level
+        records[:, 4] = np.arange(len(nodes))
+        records[:, 5] = np.repeat(np.arange(len(lists)), [len(part) for part in lists])
+        self._commands = self._write(self._commands, commands)
+        self._records = self._write(self._records, records)
+        if "OCCLUSION" in self._defines:
+            self._flags = self._write(self._flags, np.zeros(max(len(nodes), 1), np.uint32))
+        draws, first = [], 0
+        for part in lists:
+            draws.append(Draws(self._commands, self._records, len(part)))
+            first += len(part)
+        return draws
+
+    def _write(self, buffer: moderngl.Buffer, data: NDArray[np.generic]) -> moderngl.Buffer:
+        """Fill a buffer, a larger one if need be; programs read it by name, so its arrays are remade."""
+        if data.nbytes > buffer.size:
+            buffer.release()
+            buffer = self._context.buffer(reserve=2 * data.nbytes, dynamic=True)
+            self._made = {name: (program, None) for name, (program, _) in self._made.items()}
+        else:
+            buffer.orphan()
+        if data.nbytes:
+            buffer.write(np.ascontiguousarray(data).tobytes())
+        return buffer
+
+    def voxels(
+        self, target: Target, view: View, origin: NDArray[np.int64], count: int, look: Appearance,
+        largest: float,
+    ) -> None:  # fmt: skip
+        """The first `count` blocks, with colour.
+
+        largest : a voxel's edge in pixels, at most
+        """
+        self.passes.append("voxels")
+        sprites = target.samples == 1 and "DEFORM" not in self._defines and largest <= SPRITE_PIXELS
+        form = "sprites" if sprites else "faces"
+        target.use(ids=sprites and "OCCLUSION" in self._defines)
+        context = self._context
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.PROGRAM_POINT_SIZE)
+        context.depth_func = "<="
+        self._run(form, view, origin, target.size, 0, count, look)
+        if sprites and "OCCLUSION" in self._defines:
+            self._flag(target)
+
+    def probes(
+        self, target: Target, view: View, origin: NDArray[np.int64], first: int, count: int,
+        fresh: int, look: Appearance,
+    ) -> None:  # fmt: skip
+        """Blocks that stand for occluded children: tested, and flagged where they pass.
+
+        fresh : so many of them, the first ones, may be in sight by now: they also fill pixels that
+            nothing else covers, until their children are drawn
+        """
+        if count == 0:
+            return
+        self.passes.append("probes")
+        context = self._context
+        target.use(ids=False)
+        target.lock_depth(True)
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        context.blend_func = moderngl.ONE_MINUS_DST_ALPHA, moderngl.DST_ALPHA
+        # A probe's face may lie in that of what it stands for, which nearly passes: not behind it.
+        context.polygon_offset = -1.0, -1.0
+        self._run("faces", view, origin, target.size, first, fresh, look)
+        target.lock_colour(True)
+        self._run("probes", view, origin, target.size, first + fresh, count - fresh, look)
+        target.lock_colour(False)
+        target.lock_depth(False)
+        context.polygon_offset = 0.0, 0.0
+
+    def shadows(
+        self, maps: Target, views: Sequence[View], origin: NDArray[np.int64],
+        counts: Sequence[tuple[int, int]], look: Appearance,
+    ) -> None:  # fmt: skip
+        """Depths as the lights see them, side by side; counts: first and number of each one's blocks."""
+        self.passes.append("shadow")
+        maps.use(ids=False)
+        maps.clear((0.0, 0.0, 0.0))
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        side = maps.size[1]
+        for i, (view, (first, count)) in enumerate(zip(views, counts, strict=True)):
+            self._context.viewport = (i * side, 0, side, side)
+            self._run("shadow", view, origin, (side, side), first, count, look)
+
+    def flags(self, count: int) -> NDArray[np.bool_]:
+        """(count,) which blocks had a fragment that passed the depth test, by their number."""
+        # Without the barrier the read may come before the writes (1,149 of 428 flags were seen).
+        self._context.memory_barrier(moderngl.ALL_BARRIER_BITS)
+        self._context.finish()
+        if count == 0:
+            return np.zeros(0, np.bool_)
+        return np.frombuffer(self._flags.read(count * 4), np.uint32) != 0
+
+    def _run(
+        self, name: str, view: View, origin: NDArray[np.int64], size: tuple[int, int],
+        first: int, count: int, look: Appearance,
+    ) -> None:  # fmt: skip
+        if count == 0:
+            return
+        program, array = self._made.get(name) or (self._compile(name), None)
+        if array is None:
+            array = self._array(program)
+            self._made[name] = program, array
+        values = {**self._fixed, **view_values(view, origin, size), **look.values}
+        for uniform, value in values.items():
+            if uniform in program:
+                member = program[uniform]
+                if isinstance(value, bytes):
+                    member.write(value)
+                else:
+                    member.value = value
+        self._flags.bind_to_storage_buffer(0)
+        array.render_indirect(self._commands, moderngl.POINTS, count, first)
+
+    def _compile(self, name: str) -> moderngl.Program:
+        if name == "faces":
+            return self.programs.faces(self._defines)
+        if name == "sprites":
+            return self.programs.sprites(self._defines)
+        defines = dict(self._defines)
+        if name == "shadow":
+            defines.pop("OCCLUSION", None)
+        return self.programs.depths(name, defines)
+
+    def _array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        """The pool's words and the blocks' records as the program's inputs; what it has not is skipped."""
+        kinds = {"voxel": "1u", "normal": "1u", "colour": "4f1"}
+        used = [name for name in self._layout if name in program]
+        layout = " ".join(kinds[name] if name in used else "4x" for name in self._layout)
+        return self._context.vertex_array(
+            program,
+            [
+                (self._voxels.buffer, layout, *used),
+                (self._records, "4i 2u/i", "block", "draw"),
+            ],
+            mode=moderngl.POINTS,
+        )
+
+    def _flag(self, target: Target) -> None:
+        """Flags from the numbers of the blocks that sprites have left in the picture."""
+        if self._flagging is None:
+            self._flagging = self.programs.compute("flag.comp", {})
+        target.ids.bind_to_image(0, read=True, write=True)
+        self._flags.bind_to_storage_buffer(0)
+        self._context.memory_barrier(moderngl.ALL_BARRIER_BITS)
+        width, height = target.size
+        self._flagging.run(-(-width // FLAG_GROUP), -(-height // FLAG_GROUP))
+
+
+def view_values(
+    view: View, origin: NDArray[np.int64], size: tuple[int, int]
+) -> dict[str, bytes | bool | tuple[float, ...]]:
+    """The uniforms of common.glsl and of the sprites."""
+    eye = view.eye - origin if view.perspective else view.eye
+    rows = view.clip.copy()
+    rows[:, 3] = rows @ (*origin, 1.0)
+    pixel = np.array([[2 / size[0], 0, -1], [0, 2 / size[1], -1], [0, 0, 1.0]])
+    if view.perspective:
+        ray = np.linalg.inv(rows[[0, 1, 3], :3]) @ pixel
+    else:
+        place = np.array([[1, 0, -rows[0, 3]], [0, 1, -rows[1, 3]], [0, 0, 0]]) @ pixel
+        ray = np.linalg.inv(np.vstack((rows[:2, :3], view.eye))) @ place
+    return {
+        "clip": view.local(origin).tobytes(),
+        "eye": tuple(eye.tolist()),
+        "parallel": not view.perspective,
+        "viewport": (float(size[0]), float(size[1])),
+        "ray": np.ascontiguousarray(ray.T, dtype=np.float32).tobytes(),
+    }

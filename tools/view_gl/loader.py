@@ -1,0 +1,149 @@
+"""The I/O thread: reads what the last frame asked for, and nothing that an earlier one did.
+
+Once per frame the caller takes what is finished and hands over a new list, which replaces the old
+one (Chajdas 2014, 4.6). What was being read at that moment is finished and taken all the same.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gstream_tools.reader_py import BlockFile
+
+BATCH_BYTES = 1 << 20  # read at once: what the thread cannot be called back from
+
+Words = NDArray[np.uint32]
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What a frame lacks: pages of the directory first, then blocks in order of need."""
+
+    pages: frozenset[int] = frozenset()
+    nodes: Sequence[int] = ()
+
+
+@dataclass(slots=True)
+class Loaded:
+    """What was read since it was last taken."""
+
+    pages: list[int] = field(default_factory=list)
+    blocks: list[tuple[int, Words]] = field(default_factory=list)  # row of the tree, (n, stride)
+    failure: Exception | None = None
+
+
+class Loader:
+    """Reads blocks in a thread of its own, or at once.
+
+    columns : what a voxel's words hold after the first, which is place and mask: normal, colour
+    """
+
+    def __init__(self, file: BlockFile, columns: Sequence[str]) -> None:
+        self._file = file
+        self._names = ["occupancy", "mask", *columns]
+        self._changed = threading.Condition()
+        self._wish = Wish()
+        self._entries: Sequence[Any] = ()
+        self._done = Loaded()
+        self._busy = False
+        self._closed = False
+        self._thread: threading.Thread | None = None
+
+    @property
+    def stride(self) -> int:
+        """Words of a voxel."""
+        return len(self._names) - 1
+
+    def read(self, entries: Sequence[Any], nodes: Sequence[int]) -> list[tuple[int, Words]]:
+        """Read blocks now; entries by row of the tree."""
+        found = self._file.load([entries[node] for node in nodes], self._names)
+        return [(node, self._words(block)) for node, block in zip(nodes, found, strict=True)]
+
+    def ask(self, wish: Wish, entries: Sequence[Any]) -> None:
+        """Replace what was asked for."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
+            self._thread.start()
+        with self._changed:
+            self._wish, self._entries = wish, entries
+            self._changed.notify()
+
+    def take(self) -> Loaded:
+        """What was read since; raises what the thread met."""
+        with self._changed:
+            done, self._done = self._done, Loaded()
+        if done.failure is not None:
+            raise done.failure
+        return done
+
+    @property
+    def idle(self) -> bool:
+        """Is nothing asked for, being read or to be taken?"""
+        with self._changed:
+            wish = self._wish
+            nothing = not (wish.pages or wish.nodes or self._done.blocks or self._done.pages)
+            return nothing and not self._busy
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._busy = False
+                while not (self._closed or self._wish.pages or self._wish.nodes):
+                    self._changed.wait()
+                if self._closed:
+                    return
+                pages, nodes = self._next()
+                entries = self._entries
+                self._busy = True
+            done = Loaded()
+            try:
+                for page in pages:
+                    self._file.page(page)
+                    done.pages.append(page)
+                if nodes:
+                    done.blocks = self.read(entries, nodes)
+            except Exception as error:  # told to the main thread, whatever it is
+                done.failure = error
+            with self._changed:
+                self._done.pages += done.pages
+                self._done.blocks += done.blocks
+                self._done.failure = self._done.failure or done.failure
+                if done.failure is not None:
+                    self._wish = Wish()
+
+    def _next(self) -> tuple[list[int], list[int]]:
+        """Take the front of the list: all its pages, and blocks up to the size of a batch."""
+        pages, nodes = sorted(self._wish.pages), list(self._wish.nodes)
+        size, count = 0, 0
+        while count < len(nodes) and (count == 0 or size < BATCH_BYTES) and not pages:
+            size += stored_bytes(self._entries[nodes[count]], self._names)
+            count += 1
+        self._wish = Wish(nodes=nodes[count:])
+        return pages, nodes[:count]
+
+    def _words(self, block: dict[str, NDArray[Any]]) -> Words:
+        """(n, stride) u32: place and mask, then normal as x | y << 16, colour as R | … | A << 24."""
+        words = np.empty((len(block["words"]), self.stride), np.uint32)
+        words[:, 0] = block["words"]
+        for i, name in enumerate(self._names[2:], 1):
+            words[:, i] = np.ascontiguousarray(block[name]).view(np.uint32).reshape(-1)
+        return words
+
+
+def stored_bytes(entry: Any, names: Sequence[str]) -> int:
+    """What the columns of a block take in the file."""
+    return sum(int(entry[name]["stored"]) for name in names)

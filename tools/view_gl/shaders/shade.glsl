@@ -1,0 +1,68 @@
+// The colour of a voxel, the same all over it: attributes are not interpolated.
+
+uniform float ambient;
+#ifdef LIT
+uniform vec4 lights[LIGHTS];        // towards a directional light, w = 0; place from the origin, w = 1
+uniform vec3 intensities[LIGHTS];
+#ifdef SPECULAR
+uniform vec2 specular;              // strength, exponent
+#endif
+#ifdef SHADOW
+uniform mat4 light_clip[SHADOW];
+uniform float light_bias[SHADOW];   // along the normal, in finest voxels
+uniform sampler2DShadow depths;     // the lights' maps side by side
+#endif
+
+// What of light i comes to a place, 0 to 1.
+float unblocked(int i, vec3 place)
+{
+#ifdef SHADOW
+    if (i < SHADOW) {
+        vec4 at = light_clip[i] * vec4(displaced(place), 1.0);
+        vec3 map = at.xyz / at.w * 0.5 + 0.5;
+        if (at.w > 0.0 && all(equal(map, clamp(map, 0.0, 1.0))))
+            return texture(depths, vec3((map.x + float(i)) / float(SHADOW), map.yz));
+    }
+#endif
+    return 1.0;
+}
+#endif
+
+// spec/scene.md 2.4, in linear light.
+vec3 shaded(vec3 colour, vec3 normal, vec3 centre, float edge)
+{
+    vec3 sum = ambient * colour;
+#ifdef LIT
+    vec3 place = world * centre;
+    vec3 view = normalize(world * (parallel ? eye : eye - centre));
+    for (int i = 0; i < LIGHTS; i++) {
+        vec3 towards = lights[i].w == 0.0 ? lights[i].xyz : lights[i].xyz - place;
+        vec3 light = normalize(towards);
+        vec3 turned = normal == vec3(0.0) ? light : normal;
+        float cosine = dot(turned, light);
+        if (cosine <= 0.0) continue;
+        vec3 comes = intensities[i] / (lights[i].w == 0.0 ? 1.0 : dot(towards, towards));
+#ifdef SHADOW
+        comes *= unblocked(i, centre + max(light_bias[min(i, SHADOW - 1)], edge) * turned);
+#endif
+        sum += comes * colour * cosine;
+#ifdef SPECULAR
+        sum += comes * specular.x
+            * pow(max(dot(turned, normalize(light + view)), 0.0), specular.y);
+#endif
+    }
+#endif
+    return sum;
+}
+
+// Lighting is linear, pictures are sRGB.
+vec3 encoded(vec3 linear)
+{
+    vec3 c = clamp(linear, 0.0, 1.0);
+    return mix(12.92 * c, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, greaterThan(c, vec3(0.0031308)));
+}
+
+vec3 decoded(vec3 code)
+{
+    return mix(code / 12.92, pow((code + 0.055) / 1.055, vec3(2.4)), greaterThan(code, vec3(0.04045)));
+}
