@@ -6,14 +6,14 @@ Everything here is in grid coordinates: finest voxels, as `spec/blockfile.md` 8.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import atan, degrees, radians, tan
+from math import atan2, degrees, radians, tan
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# Depth buffers resolve 2^-23 of this ratio at the far end: 1/400 of it, a voxel where there are 400.
+# Depth buffers have 24 bits: at the far end they resolve 2^-24 of this ratio times the distance.
 FAR_OVER_NEAR = 20_000.0
 FIT_MARGIN = 1.08
 DEFAULT_FOV = 30.0
@@ -48,7 +48,8 @@ class Camera:
         """Turned about the target by degrees: to the right, and upwards but not over the pole."""
         offset = np.subtract(self.position, self.target)
         up = np.divide(self.up, np.linalg.norm(self.up))
-        lift = degrees(atan(float(offset @ up) / max(np.linalg.norm(np.cross(offset, up)), 1e-12)))
+        aside = float(np.linalg.norm(np.cross(offset, up)))
+        lift = degrees(atan2(float(offset @ up), aside))
         rise = min(max(lift + elevation, -89.0), 89.0) - lift
         offset = _turn(up, azimuth) @ _turn(-self.axes()[0], rise) @ offset
         return replace(self, position=_point(np.add(self.target, offset)))
@@ -69,7 +70,7 @@ class Camera:
 def fit(
     box: Floats, direction: Floats, up: Floats, aspect: float, fov: float = DEFAULT_FOV
 ) -> Camera:
-    """A camera that sees the whole world box (2, 3) from `direction`, which points at the camera."""
+    """A camera that sees a whole world box (2, 3); `direction` points from it to the camera."""
     centre = box.mean(axis=0)
     camera = Camera(_point(centre + direction), _point(centre), _point(up), fov)
     right, above, back = camera.axes()
@@ -183,7 +184,8 @@ def _turn(axis: Floats, angle: float) -> Floats:
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     s, c = np.sin(radians(angle)), np.cos(radians(angle))
-    return np.eye(3) + s * cross + (1 - c) * (cross @ cross)
+    matrix: Floats = np.eye(3) + s * cross + (1 - c) * (cross @ cross)
+    return matrix
 
 
 def _point(values: Floats) -> tuple[float, float, float]:

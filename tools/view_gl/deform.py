@@ -1,4 +1,4 @@
-"""Deformations of spec/scene.md 2.6, in grid coordinates: what they do to boxes, and their uniforms."""
+"""Deformations of spec/scene.md 2.6 in grid coordinates: what they do to boxes; uniforms."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream_tools.scene import Scene
+from ..scene import Scene
 
 Floats = NDArray[np.float64]
 AXES = "xyz"
@@ -30,16 +30,21 @@ class Deformation:
 
     @staticmethod
     def of(scene: Scene, kind: int, matrix: Floats, box: Floats) -> Deformation:
-        """kind : 0 none, 1 shear, 2 wave; matrix : (3, 4), grid to world; box : (2, 3) of the source"""
+        """A scene's.
+
+        kind : 0 none, 1 shear, 2 wave
+        matrix : (3, 4), grid to world
+        box : (2, 3) of the source, in the world
+        """
         dynamic, linear = scene.dynamic, matrix[:, :3]
         inverse = np.linalg.inv(linear)
         pivot = inverse @ (box.mean(axis=0) - matrix[:, 3])
-        shear, wave = np.zeros((3, 3)), np.zeros(3)
+        shear, wave = np.zeros((3, 3)), np.zeros((3,))
         waves = linear[AXES.index(dynamic.along)] * (2 * pi / dynamic.wavelength)
         if kind == 1:
             shear = inverse @ np.array(dynamic.matrix) @ linear - np.eye(3)
         if kind == 2:
-            wave = inverse[:, AXES.index(dynamic.axis)] * dynamic.amplitude
+            wave = np.asarray(inverse[:, AXES.index(dynamic.axis)] * dynamic.amplitude)
         return Deformation(pivot, shear, wave, waves, radians(dynamic.phase))
 
     def boxes(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:

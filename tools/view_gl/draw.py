@@ -1,4 +1,4 @@
-"""Drawing a frame: passes over the blocks that the cut names, in the order of `spec/effects.toml`."""
+"""The passes of a frame over the blocks that the cut names, as `spec/effects.toml` orders them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .buffers import VoxelBuffer
 from .camera import View
 from .programs import FLAG_GROUP, Programs
+from .shadow import Maps
 from .target import Target
 from .tree import Nodes, Tree
 
@@ -68,7 +69,7 @@ class Painter:
     def begin(self, tree: Tree, lists: Sequence[Nodes], origin: NDArray[np.int64]) -> list[Draws]:
         """Write what is to be drawn; blocks are numbered through all lists, for their flags.
 
-        lists : rows of the tree; the second one, if there is one, is of probes
+        lists : rows of the tree: drawn, probes, then those of each light
         """
         self.passes.clear()
         nodes = np.concatenate(lists)
@@ -95,7 +96,7 @@ class Painter:
         return draws
 
     def _write(self, buffer: moderngl.Buffer, data: NDArray[np.generic]) -> moderngl.Buffer:
-        """Fill a buffer, a larger one if need be; programs read it by name, so its arrays are remade."""
+        """Fill a buffer; a larger one if need be, for which the programs' arrays are made anew."""
         if data.nbytes > buffer.size:
             buffer.release()
             buffer = self._context.buffer(reserve=2 * data.nbytes, dynamic=True)
@@ -152,18 +153,21 @@ class Painter:
         context.polygon_offset = 0.0, 0.0
 
     def shadows(
-        self, maps: Target, views: Sequence[View], origin: NDArray[np.int64],
+        self, maps: Maps, views: Sequence[View], origin: NDArray[np.int64],
         counts: Sequence[tuple[int, int]], look: Appearance,
     ) -> None:  # fmt: skip
-        """Depths as the lights see them, side by side; counts: first and number of each one's blocks."""
+        """Depths as the lights see them, side by side.
+
+        counts : of each light, the number of its first block and how many there are
+        """
         self.passes.append("shadow")
-        maps.use(ids=False)
-        maps.clear((0.0, 0.0, 0.0))
+        maps.frame.use()
+        maps.frame.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
-        side = maps.size[1]
+        self._context.depth_func = "<="
         for i, (view, (first, count)) in enumerate(zip(views, counts, strict=True)):
-            self._context.viewport = (i * side, 0, side, side)
-            self._run("shadow", view, origin, (side, side), first, count, look)
+            maps.frame.viewport = (i * maps.side, 0, maps.side, maps.side)
+            self._run("shadow", view, origin, (maps.side, maps.side), first, count, look)
 
     def flags(self, count: int) -> NDArray[np.bool_]:
         """(count,) which blocks had a fragment that passed the depth test, by their number."""
@@ -172,7 +176,8 @@ class Painter:
         self._context.finish()
         if count == 0:
             return np.zeros(0, np.bool_)
-        return np.frombuffer(self._flags.read(count * 4), np.uint32) != 0
+        flags: NDArray[np.uint32] = np.frombuffer(self._flags.read(count * 4), np.uint32)
+        return flags.astype(np.bool_)
 
     def _run(
         self, name: str, view: View, origin: NDArray[np.int64], size: tuple[int, int],
@@ -186,12 +191,11 @@ class Painter:
             self._made[name] = program, array
         values = {**self._fixed, **view_values(view, origin, size), **look.values}
         for uniform, value in values.items():
-            if uniform in program:
-                member = program[uniform]
-                if isinstance(value, bytes):
-                    member.write(value)
-                else:
-                    member.value = value
+            member = program.get(uniform, None)
+            if isinstance(member, moderngl.Uniform) and isinstance(value, bytes):
+                member.write(value)
+            elif isinstance(member, moderngl.Uniform):
+                member.value = value
         self._flags.bind_to_storage_buffer(0)
         array.render_indirect(self._commands, moderngl.POINTS, count, first)
 
@@ -206,7 +210,7 @@ class Painter:
         return self.programs.depths(name, defines)
 
     def _array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """The pool's words and the blocks' records as the program's inputs; what it has not is skipped."""
+        """The pool's words and the blocks' records, as far as the program has inputs for them."""
         kinds = {"voxel": "1u", "normal": "1u", "colour": "4f1"}
         used = [name for name in self._layout if name in program]
         layout = " ".join(kinds[name] if name in used else "4x" for name in self._layout)

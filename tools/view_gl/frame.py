@@ -8,17 +8,16 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream_tools.reader_py import BlockFile
-from gstream_tools.scene import Resolution, Scene
-
-from . import look
+from ..reader_py import BlockFile
+from ..scene import Resolution, Scene
+from . import look, shadow
 from .buffers import WORD, VoxelBuffer
 from .camera import Camera, View
 from .deform import Deformation
 from .draw import Appearance, Painter
 from .loader import Loader, Wish, Words
 from .target import Target
-from .tree import Tree
+from .tree import Nodes, Tree
 from .visibility import Boxes, Cut, Occlusion, walk
 
 ATTRIBUTES = ("normal", "colour")  # columns that become words of a voxel, in their order
@@ -73,6 +72,9 @@ class Renderer:
         kind = resolution.defines.get("DEFORM", 0)
         self._deformation = Deformation.of(scene, kind, file.matrix, file.box)
         self._boxes = Boxes(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+        self._lights = resolution.defines.get("SHADOW", 0)
+        self._maps: shadow.Maps | None = None
+        self._mapped: list[list[int]] = []  # the blocks in the maps
         self._history = Occlusion()
         self._resident = np.empty(0, np.bool_)
         self._waiting: list[tuple[int, Words]] = []  # read, not yet uploaded
@@ -93,6 +95,10 @@ class Renderer:
         ids = "OCCLUSION" in self.resolution.defines
         self._size = size
         self._target = Target(self._context, size, samples, ids=ids)
+        if self._lights:
+            if self._maps is not None:
+                self._maps.release()
+            self._maps, self._mapped = shadow.Maps(self._context, self._lights, size), []
 
     @property
     def target(self) -> Target:
@@ -110,28 +116,28 @@ class Renderer:
         self._waiting += [block for block in loaded.blocks if not self._resident[block[0]]]
         changed = self._upload(self.upload_limit)
         view = self._view(camera)
-        cut = self._walk(view)
+        lights = self._light_views()
+        cuts = self._walk(view, lights)
         if self.synchronous:
-            while len(cut.wanted) or cut.pages:
-                self.tree.rows_of_pages(cut.pages)
+            while wish := self._wish(cuts):
+                self.tree.rows_of_pages(wish.pages)
                 self._grow()
-                self._waiting = self.loader.read(self.tree.entries, cut.wanted.tolist())
-                if not self._upload(None) and not cut.pages:
+                self._waiting = self.loader.read(self.tree.entries, wish.nodes)
+                if not self._upload(None) and not wish.pages:
                     break
                 changed = True
-                cut = self._walk(view)
+                cuts = self._walk(view, lights)
         else:
-            on_way = {node for node, _ in self._waiting}
-            nodes = [node for node in cut.wanted.tolist() if node not in on_way]
-            self.loader.ask(Wish(frozenset(cut.pages), nodes), self.tree.entries)
-        self._keep(cut)
+            self.loader.ask(self._wish(cuts), self.tree.entries)
+        self._keep(cuts)
         state = (camera, self._size, self.pixel_error, self._relief, self.closed, self.occlusion)
         if changed or state != self._last:
             self._picture += 1
         same = state == self._last and not changed
         self._last = state
-        self._draw(cut, view)
-        wanted = len(cut.wanted) + len(cut.pages)
+        self._draw(cuts, view, lights)
+        cut, wish = cuts[0], self._wish(cuts)
+        wanted = len(wish.nodes) + len(wish.pages)
         drawn = cut.drawn
         return Frame(
             blocks=len(drawn),
@@ -154,7 +160,7 @@ class Renderer:
         return done
 
     def picture(self) -> NDArray[np.uint8]:
-        """(height, width, 4) sRGB, the first row on top; alpha is how much of a pixel is covered."""
+        """(height, width, 4) sRGB, the first row on top; alpha: how much of a pixel is covered."""
         return self.target.pixels()
 
     def close(self) -> None:
@@ -175,28 +181,49 @@ class Renderer:
             low, high = self._deformation.boxes(self.tree.low, self.tree.high)
             self._boxes = Boxes(low, high, self.tree.edge * self._deformation.stretch)
 
-    def _view(self, camera: Camera) -> View:
+    def _box(self) -> NDArray[np.float64]:
+        """(2, 3) around all that may be drawn, in finest voxels."""
         roots, boxes = self.tree.roots, self._boxes
-        box = np.zeros((2, 3))
-        if len(roots):
-            box = np.stack((boxes.low[roots].min(axis=0), boxes.high[roots].max(axis=0)))
-        return View.of(camera, self._size, self.file.matrix, box)
+        if not len(roots):
+            return np.zeros((2, 3))
+        return np.stack((boxes.low[roots].min(axis=0), boxes.high[roots].max(axis=0)))
 
-    def _walk(self, view: View) -> Cut:
+    def _view(self, camera: Camera) -> View:
+        return View.of(camera, self._size, self.file.matrix, self._box())
+
+    def _light_views(self) -> list[View]:
+        if self._maps is None:
+            return []
+        box, matrix = self._box(), self.file.matrix
+        corners = box[[[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], [0, 1, 2]]
+        world = corners @ matrix[:, :3].T + matrix[:, 3]
+        around = np.stack((world.min(axis=0), world.max(axis=0)))
+        return shadow.views(self.scene, self._lights, self._maps.side, matrix, around, box)
+
+    def _walk(self, view: View, lights: list[View]) -> list[Cut]:
+        """The camera's cut, and those of the lights, which no occlusion makes coarser."""
         if not self.occlusion:
             self._history.forget()
-        return walk(
-            self.tree,
-            view,
-            self._resident,
-            self._history.hidden,
-            self._boxes,
-            pixel_error=self.pixel_error * self._relief,
-            closed=self.closed,
-        )
+        nothing = np.zeros(len(self.tree), np.bool_)
+        views = [(view, self._history.hidden, self.closed), *((v, nothing, True) for v in lights)]
+        error = self.pixel_error * self._relief
+        return [
+            walk(
+                self.tree, of, self._resident, hidden, self._boxes,
+                pixel_error=error, closed=closed,
+            )
+            for of, hidden, closed in views
+        ]  # fmt: skip
+
+    def _wish(self, cuts: list[Cut]) -> Wish:
+        """What the cuts lack and is not on its way to the GPU already."""
+        on_way = {node for node, _ in self._waiting}
+        nodes = dict.fromkeys(node for cut in cuts for node in cut.wanted.tolist())
+        pages = frozenset(page for cut in cuts for page in cut.pages)
+        return Wish(pages, [node for node in nodes if node not in on_way])
 
     def _upload(self, limit: int | None) -> bool:
-        """Upload what was read, up to so many bytes, but one block at least. Did anything change?"""
+        """Upload what was read, up to so many bytes but one block at least; was there anything?"""
         pool, size = self.voxels.pool, self.voxels.stride * WORD
         ready: list[tuple[int, Words]] = []
         total = 0
@@ -227,33 +254,41 @@ class Renderer:
         self._resident[self.voxels.pool.evicted] = False
         self.voxels.pool.evicted.clear()
 
-    def _keep(self, cut: Cut) -> None:
+    def _keep(self, cuts: list[Cut]) -> None:
         """Release what the frame has no use for; what it has, is in use again."""
         pool, tree = self.voxels.pool, self.tree
-        parents = np.unique(tree.parent[cut.wanted])
-        siblings = tree.children_of(parents[parents >= 0])
-        needed = np.concatenate((cut.drawn, cut.probes, cut.inner, siblings, tree.roots))
         keep = np.zeros(len(tree), np.bool_)
-        keep[needed] = True
-        for node in np.flatnonzero(self._resident):
+        keep[tree.roots] = True
+        for cut in cuts:
+            parents = np.unique(tree.parent[cut.wanted])
+            siblings = tree.children_of(parents[parents >= 0])
+            for needed in (cut.drawn, cut.probes, cut.inner, siblings):
+                keep[needed] = True
+        for node in np.flatnonzero(self._resident).tolist():
             if keep[node] and node not in pool:
-                pool.resurrect(int(node))
+                pool.resurrect(node)
             elif not keep[node] and node in pool:
-                pool.release(int(node))
-        if self._relief > 1.0 and not len(cut.wanted) and pool.used < ROOMY * pool.capacity:
+                pool.release(node)
+        lacking = any(len(cut.wanted) for cut in cuts)
+        if self._relief > 1.0 and not lacking and pool.used < ROOMY * pool.capacity:
             self._relief = max(1.0, self._relief / RELIEF)
 
-    def _draw(self, cut: Cut, view: View) -> None:
-        tree, target = self.tree, self.target
+    def _draw(self, cuts: list[Cut], view: View, lights: list[View]) -> None:
+        tree, target, cut = self.tree, self.target, cuts[0]
         fresh = self._history.fresh(cut.probes, self._picture)
         probes = np.concatenate((cut.probes[fresh], cut.probes[~fresh]))
         middle = view.eye if view.perspective else self._deformation.pivot
         origin = np.floor(middle).astype(np.int64)
-        self.painter.begin(tree, [cut.drawn, probes], origin)
+        casters = [light.drawn for light in cuts[1:]]
+        self.painter.begin(tree, [cut.drawn, probes, *casters], origin)
+        edges = [float(tree.edge[nodes].max(initial=1.0)) for nodes in casters]
         appearance = Appearance(
             look.uniforms(self.scene, self.file, self.resolution, origin)
             | self._deformation.uniforms(origin)
+            | shadow.uniforms(lights, edges, origin)
         )
+        if self._maps is not None:
+            self._shade(lights, casters, len(cut.drawn) + len(probes), origin, appearance)
         drawn = cut.drawn
         boxes = self._boxes
         pixels = view.voxel_pixels(boxes.low[drawn], boxes.high[drawn], boxes.edge[drawn])
@@ -272,3 +307,21 @@ class Renderer:
         target.resolve()
         if target.samples > 1:
             self.painter.passes.append("resolve")
+
+    def _shade(
+        self, lights: list[View], casters: list[Nodes], first: int, origin: NDArray[np.int64],
+        appearance: Appearance,
+    ) -> None:  # fmt: skip
+        """Draw the lights' maps, where other blocks are in them than the last time."""
+        if self._maps is None:
+            return
+        self._maps.depths.use(0)
+        mapped = [nodes.tolist() for nodes in casters]
+        if mapped == self._mapped:
+            return
+        self._mapped = mapped
+        counts = []
+        for nodes in casters:
+            counts.append((first, len(nodes)))
+            first += len(nodes)
+        self.painter.shadows(self._maps, lights, origin, counts, appearance)

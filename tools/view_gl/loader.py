@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream_tools.reader_py import BlockFile
+from ..reader_py import BlockFile
 
 BATCH_BYTES = 1 << 20  # read at once: what the thread cannot be called back from
 
@@ -27,6 +27,9 @@ class Wish:
 
     pages: frozenset[int] = frozenset()
     nodes: Sequence[int] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.pages or self.nodes)
 
 
 @dataclass(slots=True)
@@ -136,7 +139,7 @@ class Loader:
         return pages, nodes[:count]
 
     def _words(self, block: dict[str, NDArray[Any]]) -> Words:
-        """(n, stride) u32: place and mask, then normal as x | y << 16, colour as R | … | A << 24."""
+        """(n, stride) u32: place and mask, then normal x | y << 16, colour R | … | A << 24."""
         words = np.empty((len(block["words"]), self.stride), np.uint32)
         words[:, 0] = block["words"]
         for i, name in enumerate(self._names[2:], 1):

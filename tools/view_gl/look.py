@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream_tools.reader_py import BlockFile
-from gstream_tools.scene import Resolution, Scene
+from ..reader_py import BlockFile
+from ..scene import Resolution, Scene
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ def context() -> moderngl.Context:
     errors : RuntimeError that says what to install
     """
     try:
-        made = moderngl.create_context(standalone=True, require=450, backend="egl")  # type: ignore[call-arg]
+        made = moderngl.create_context(require=450, standalone=True, backend="egl")  # type: ignore[arg-type]
     except Exception as error:  # glcontext raises what the driver gives
         raise RuntimeError(
             f"no OpenGL 4.5 ({error}): install the driver's EGL, or on Debian libegl1 and libgl1"

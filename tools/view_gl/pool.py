@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import OrderedDict
-from collections.abc import Hashable
 from dataclasses import dataclass
 
 HIGH_WATERMARK = 0.95  # of the pool: what is above keeps room for moving blocks (thesis, 4.8)
@@ -30,16 +29,16 @@ class Pool:
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
         self.top = 0  # the upper end of what is taken: where the next allocation goes
-        self._used: dict[Hashable, tuple[int, int]] = {}  # key -> start, count
-        self._free: OrderedDict[Hashable, tuple[int, int]] = OrderedDict()  # oldest first
+        self._used: dict[int, tuple[int, int]] = {}  # key -> start, count
+        self._free: OrderedDict[int, tuple[int, int]] = OrderedDict()  # oldest first
         self._gaps: list[tuple[int, int]] = []  # start, count, ascending, apart from each other
-        self.evicted: list[Hashable] = []  # blocks whose items are lost; whoever reads it clears it
+        self.evicted: list[int] = []  # blocks whose items are lost; whoever reads it clears it
 
-    def place(self, key: Hashable) -> tuple[int, int] | None:
+    def place(self, key: int) -> tuple[int, int] | None:
         """Start and count of a block in use."""
         return self._used.get(key)
 
-    def __contains__(self, key: Hashable) -> bool:
+    def __contains__(self, key: int) -> bool:
         return key in self._used
 
     def __len__(self) -> int:
@@ -55,18 +54,18 @@ class Pool:
         """Is it time to defragment: above the watermark, with something to be gained by it?"""
         return self.top > HIGH_WATERMARK * self.capacity and bool(self._free or self._gaps)
 
-    def resurrect(self, key: Hashable) -> bool:
+    def resurrect(self, key: int) -> bool:
         """Take a block back that was released, if its items are still there."""
         place = self._free.pop(key, None)
         if place is not None:
             self._used[key] = place
         return place is not None
 
-    def release(self, key: Hashable) -> None:
+    def release(self, key: int) -> None:
         """Put a block on the free list: no longer in use, still uploaded."""
         self._free[key] = self._used.pop(key)
 
-    def allocate(self, key: Hashable, count: int) -> int | None:
+    def allocate(self, key: int, count: int) -> int | None:
         """The start of new space, or None: then defragment, use less, or do without.
 
         Raises ValueError for a key that has space, in use or released.

@@ -79,8 +79,8 @@ class Target:
 
     def release(self) -> None:
         """Give the buffers back."""
-        for made in {self._plain, self._resolved, self._with_ids}:
-            made.release()
-        for made in (self._colour, self._depth, self._ids):
-            if made is not None:
-                made.release()
+        for buffer in {self._plain, self._resolved, self._with_ids}:
+            buffer.release()
+        for image in (self._colour, self._depth, self._ids):
+            if image is not None:
+                image.release()

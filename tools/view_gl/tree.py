@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream_tools.reader_py import BlockFile
+from ..reader_py import BlockFile
 
 Floats = NDArray[np.float64]
 Nodes = NDArray[np.int64]  # rows
@@ -41,7 +41,7 @@ class Tree:
 
     @property
     def roots(self) -> Nodes:
-        """The blocks of the coarsest level; they are in the first pages, which are read at the start."""
+        """The blocks of the coarsest level: the first pages have them."""
         return np.flatnonzero(self.level == self._file.levels - 1)
 
     @property
@@ -80,7 +80,8 @@ class Tree:
         lacking = set()
         for node in nodes[(self.first_child[nodes] == UNREAD) & (self.children[nodes] > 0)]:
             level, key = int(self.level[node]) - 1, int(self.key[node]) << 3
-            page = self._file.page_of(level, key)
+            # The last key that a sibling may have: the first may lie before its page's first.
+            page = self._file.page_of(level, key | 7)
             if page not in self._base:
                 lacking.add(page)
                 continue

@@ -1,4 +1,4 @@
-"""What is drawn in a frame, and what is asked for: the cut through the tree (Chajdas 2014, 4.3, 4.5).
+"""What is drawn in a frame and what is asked for: the cut through the tree (Chajdas 2014, 4.5).
 
 The tree is walked level by level, all of a level's blocks at once. Nothing here knows GL or files.
 """
@@ -135,7 +135,8 @@ class Occlusion:
 
     def fresh(self, probes: Nodes, picture: int) -> Flags:
         """Which probes stand for children that failed in another picture than this one."""
-        return self._when[probes] != picture
+        fresh: Flags = self._when[probes] != picture
+        return fresh
 
     def update(self, tree: Tree, cut: Cut, passed: Flags, picture: int) -> None:
         """Take the flags of a frame.
