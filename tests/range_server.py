@@ -19,6 +19,7 @@ class Site:
     url: str = ""
     ranges: bool = True  # False: every answer is the whole file
     failures: list[int] = field(default_factory=list)  # of the next answers: statuses, or these:
+    location: str | None = None  # that answers with a status send the reader to
     requests: list[tuple[str, str]] = field(default_factory=list)  # method, Range header
     sent: int = 0  # bytes of bodies
     awake: threading.Event = field(default_factory=threading.Event)  # ends every silence
@@ -51,7 +52,7 @@ class Site:
                     said = f"bytes {first}-{first + 99}/{len(site.data)}"
                     self.send(206, b"half", {"Content-Range": said, "Content-Length": "100"})
                 elif status != HANGS_UP:
-                    self.send(status, b"no")
+                    self.send(status, b"no", {"Location": site.location})
                 self.close_connection = True
 
             def send_range(self, first: int, last: int) -> None:

@@ -64,6 +64,12 @@ def test_the_javascript_reader_is_a_reader():
     assert ran.returncode == 0, ran.stdout + ran.stderr
 
 
+def test_the_streaming_reader_is_a_reader_of_block_files():
+    program = sys.executable, "-m", "gstream_tools.reader_py.conformance"
+    ran = run("--level", "reader", "--format", "gsb", *program)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+
+
 def test_no_vector_that_was_ever_added_has_changed_or_gone():
     assert recorded() == {name: digest_of(name) for name in frozen()}
 

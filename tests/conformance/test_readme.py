@@ -17,6 +17,7 @@ MAGIC = ROOT / "spec" / "gstream.magic"
 PAGES = [
     ROOT / "README.md",
     ROOT / "tools" / "reader_js" / "README.md",
+    ROOT / "tools" / "reader_py" / "README.md",
     *sorted((ROOT / "spec").rglob("*.md")),
 ]
 

@@ -16,6 +16,7 @@ from fuzz.readers import deadline, limited_memory, verdict
 from gstream.check import RULES as BLOCK_RULES
 from gstream.formats.findings import READER
 from gstream.formats.stream_check import RULES as STREAM_RULES
+from gstream_tools.reader_py.conformance import answer as answer_of
 
 ROOT = Path(__file__).parents[2]
 MUTANTS = range(1_000_000, 1_000_500)
@@ -107,6 +108,45 @@ def test_the_reference_decoder_reads_what_check_finds_valid(hostile, reference):
     for file, said in zip(hostile, reference, strict=True):
         if file.checked == "valid":
             assert isinstance(said, dict), (file, said)
+
+
+@pytest.fixture(scope="module")
+def streaming(hostile) -> list[tuple[Hostile, object]]:
+    """The block files, and what the streaming reader answers, or the exception it raises."""
+    answers = []
+    for file in hostile:
+        if file.path.suffix == ".gsb":
+            with deadline() as begin, limited_memory(PEAK + 4 * file.path.stat().st_size):
+                begin()
+                try:
+                    answers.append((file, answer_of(str(file.path))))
+                except Exception as error:
+                    answers.append((file, error))
+    return answers
+
+
+def test_the_streaming_reader_ends_in_bounded_time_and_memory_and_in_its_two_errors(streaming):
+    assert [(file, said) for file, said in streaming if not isinstance(said, dict)] == []
+
+
+def test_the_streaming_reader_reads_what_check_finds_valid_and_refuses_what_a_reader_must(
+    streaming,
+):
+    for file, said in streaming:
+        if file.checked == "valid":
+            assert said["valid"], (file, said)
+        if READER_RULES & set(file.checked.split()):
+            assert not said["valid"], file
+
+
+def test_what_the_streaming_reader_reads_the_reference_decoder_reads_alike(
+    streaming, hostile, reference
+):
+    decoded = dict(zip(hostile, reference, strict=True))
+    both = [(f, said) for f, said in streaming if said["valid"] and isinstance(decoded[f], dict)]
+    assert len(both) > len(streaming) // 10
+    for file, said in both:
+        assert unkeyed(said["content"]) == unkeyed(decoded[file]), file
 
 
 def unkeyed(content: dict) -> list[dict]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from .columns import Record, Values, constant_values, decode, filtered_bytes
 from .directory import CONSTANT, Directory, Rows
-from .errors import CorruptFileError, UnsupportedError
+from .errors import UnsupportedError
 from .head import MAX_HEAD_BYTES, Column, need, parse_head
 from .source import Source
 
@@ -41,15 +41,19 @@ class BlockFile:
     """
 
     def __init__(self, source: Source) -> None:
-        """Read the head, with one request."""
+        """Read the head, with one request; an error here closes the source, as close() does."""
         self.source = source
         self._lock = Lock()
-        self._known = source.read(0, MAX_HEAD_BYTES)  # the file from its start, as far as kept
-        self.head = head = parse_head(self._known)
-        size = source.size
-        if size is not None and size != head.file_bytes:
-            said = f"the file has {size} bytes, not {head.file_bytes}: truncated"
-            raise CorruptFileError("GSB-0102", said, "head")
+        try:
+            self._known = source.read(0, MAX_HEAD_BYTES)  # the file from its start, as far as kept
+            self.head = head = parse_head(self._known)
+            self._directory = Directory(head, self.read)
+            said = f"the file has {source.size} bytes, not {head.file_bytes}: truncated"
+            need(source.size in (None, head.file_bytes), "GSB-0102", said)
+        except BaseException:
+            source.close()
+            raise
+        self.entry_dtype = self._directory.dtype
         self.resolution = head.resolution
         self.levels = head.levels
         self.block_log2 = head.block_log2
@@ -67,13 +71,15 @@ class BlockFile:
         self.content_id = head.content_id
         self.metadata = head.metadata
         self.opening_bytes = head.opening_bytes
-        self._directory = Directory(head, self.read)
-        self.entry_dtype = self._directory.dtype
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the source."""
         self.source.close()
 
     def read(self, offset: int, length: int) -> bytes:

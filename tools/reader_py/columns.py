@@ -1,5 +1,6 @@
 """One column of one block: stored bytes -> values, every length checked first. Spec: section 7."""
 
+from itertools import product
 from typing import Any, NamedTuple
 
 import lz4.block
@@ -12,6 +13,7 @@ from .head import Column, need
 
 Values = NDArray[Any]
 NONE, BYTE_PLANES, BIT_PLANES, DELTA, XOR, GREEN_DELTA = range(6)  # filters
+SPAN = 1 << 16  # voxels whose bits are in memory, a byte each, at a time
 WEIGHTS = (1 << np.arange(8)).astype(np.uint8)[:, None]
 DIGITS = np.array([c & 1 | (c & 2) << 7 | (c & 4) << 14 for c in range(8)], np.uint32)
 
@@ -110,12 +112,13 @@ def _octree(masks: NDArray[np.uint8], count: int, log2: int, where: str) -> NDAr
     if children != len(masks) - 1 + count:
         raise CorruptFileError("GSB-0408", f"is not the octree of {count} voxels", where)
     # The set bits in order are the nodes in order, but for the root, and then the voxels.
-    bits = np.flatnonzero(np.unpackbits(masks, bitorder="little"))
-    parents, digits = bits >> 3, DIGITS.take(bits & 7)
-    places = np.zeros(1 + len(bits), np.uint32)
+    parents = np.flatnonzero(np.unpackbits(masks, bitorder="little").view(np.bool_))
+    digits = DIGITS.take(parents & 7)
+    parents >>= 3
+    places = np.zeros(1 + children, np.uint32)
     nodes, end = 0, 1
     for _ in range(log2):
-        nodes, end = end, 1 + int(np.searchsorted(bits, 8 * end))
+        nodes, end = end, 1 + int(parents.searchsorted(end))
         above = places.take(parents[nodes - 1 : end - 1])
         places[nodes:end] = above * 2 + digits[nodes - 1 : end - 1]
     need(nodes == len(masks), "GSB-0408", f"is not an octree of {log2} levels", where)
@@ -149,11 +152,11 @@ def _from_bit_planes(
     """(components, count) values; eight planes at a time, so that most work is on single bytes."""
     planes = raw.reshape(column.components, column.bits, -1)
     values = np.zeros((column.components, count), dtype)
-    for low in range(0, column.bits, 8):
-        part = planes[:, low : low + 8]
-        bits = np.unpackbits(part, axis=2, count=count, bitorder="little")
+    for first, low in product(range(0, count, SPAN), range(0, column.bits, 8)):
+        part, span = planes[:, low : low + 8, first // 8 :], min(SPAN, count - first)
+        bits = np.unpackbits(part, axis=2, count=span, bitorder="little")
         bits *= WEIGHTS[: part.shape[1]]
-        values |= np.bitwise_or.reduce(bits, axis=1).astype(dtype) << low
+        values[:, first : first + span] |= np.bitwise_or.reduce(bits, axis=1).astype(dtype) << low
     return values
 
 

@@ -3,13 +3,18 @@
 import http.client
 import re
 from typing import Protocol
-from urllib.parse import urljoin, urlsplit
+from urllib.parse import quote, urljoin, urlsplit
 
 from .errors import SourceError
 
 SECONDS = 30.0  # without a byte from the server
 REDIRECTIONS = 5
 MOVED = (301, 302, 303, 307, 308)
+CONNECTIONS: dict[str, type[http.client.HTTPConnection]] = {
+    "http": http.client.HTTPConnection,
+    "https": http.client.HTTPSConnection,
+}
+SAFE = "%/?:@!$&'()*+,;=~"  # in a path or query, beside letters, digits, _ . -
 RANGE = re.compile(r"bytes (\d+)-(\d+)/(\d+|\*)")
 
 
@@ -39,7 +44,7 @@ def open_source(place: str) -> Source:
 
     errors : OSError when a local file cannot be opened; a URL is not asked before the first read
     """
-    if urlsplit(place).scheme.lower() in ("http", "https"):
+    if place.lower().startswith(("http://", "https://")):
         return HttpSource(place)
     return FileSource(place)
 
@@ -75,15 +80,14 @@ class HttpSource:
         self._connect(url)
 
     def _connect(self, url: str) -> None:
-        parts = urlsplit(url)
-        secure = parts.scheme.lower() == "https"
-        kind = http.client.HTTPSConnection if secure else http.client.HTTPConnection
         try:
-            self._connection = kind(parts.hostname or "", parts.port, timeout=SECONDS)
-        except (ValueError, http.client.InvalidURL) as error:
-            raise self._error(f"is no URL: {error}") from error
+            parts = urlsplit(url)
+            connect = CONNECTIONS[parts.scheme]
+            self._connection = connect(parts.hostname or "", parts.port, timeout=SECONDS)
+        except (LookupError, ValueError, http.client.InvalidURL) as error:
+            raise self._error(f"{url!r} is no URL to read from") from error
         self._url = url
-        self._path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+        self._path = quote((parts.path or "/") + "?" * bool(parts.query) + parts.query, SAFE)
 
     def read(self, offset: int, length: int) -> bytes:
         try:
@@ -94,7 +98,7 @@ class HttpSource:
                 place = urljoin(self._url, answer.headers.get("Location", ""))
                 self.close()
                 self._connect(place)
-        except (OSError, http.client.HTTPException) as error:
+        except (OSError, ValueError, http.client.HTTPException) as error:
             self.close()
             if isinstance(error, SourceError):
                 raise
