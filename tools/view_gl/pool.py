@@ -72,6 +72,8 @@ class Pool:
         """
         if key in self._used or key in self._free:
             raise ValueError(f"{key} has space already")
+        if count > self.capacity:  # giving up the free list would not help
+            return None
         start = self._at_top(count)
         while start is None:
             start = self._in_gap(count)
@@ -124,6 +126,8 @@ class Pool:
         """Give up what was released first; gaps that touch become one, one at the top the top."""
         key, (start, count) = self._free.popitem(last=False)
         self.evicted.append(key)
+        if count == 0:  # an empty block lies between two items, or within another block by now
+            return
         i = bisect_left(self._gaps, (start, count))
         if i < len(self._gaps) and start + count == self._gaps[i][0]:
             count += self._gaps.pop(i)[1]
