@@ -26,8 +26,9 @@ def test_a_vector_is_refused_by_a_rule_that_it_breaks(name):
 
 def test_a_block_of_an_unknown_codec_hides_no_damage_of_another(tmp_path):
     path = tmp_path / "a.gsb"
-    path.write_bytes(patch().entry(1, "codec", 9, "mask").payload(0, "mask", b"\xff").sealed())
-    assert answer(str(path))["codes"] == ["GSB-0401"]
-    path.write_bytes(patch().entry(1, "codec", 9, "mask").sealed())
-    columns = [level["columns"]["mask"] is None for level in answer(str(path))["content"]["levels"]]
-    assert columns == [True, False]
+    path.write_bytes(patch().entry(1, "codec", 9, "occupancy").sealed())
+    columns = [level["columns"] for level in answer(str(path))["content"]["levels"]]
+    assert [column["occupancy"] is None for column in columns] == [True, False]
+    damaged = patch().entry(1, "codec", 9, "occupancy").payload(2, "occupancy", b"\0")
+    path.write_bytes(damaged.sealed())
+    assert answer(str(path))["codes"] == ["GSB-0407"]
