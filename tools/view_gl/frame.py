@@ -56,19 +56,18 @@ class Renderer:
         self.synchronous = scene.budget.io == "sync"
         self.upload_limit = scene.budget.upload_per_frame
         self.occlusion = "occlusion" in resolution.effects
+        self.paused = False  # draw what is there, ask for nothing more
+        self._samples = scene.camera.samples
         self._context = context
-        columns = [name for name in ATTRIBUTES if name in resolution.columns]
-        self.loader = Loader(file, columns)
+        self._columns = [name for name in ATTRIBUTES if name in resolution.columns]
+        self.loader = Loader(file, self._columns)
         file.load_opening()
         self.tree = Tree(file)
         self._read_roots()
         stride = self.loader.stride
         room = min(scene.budget.pool_bytes // (stride * WORD), sum(file.level_voxels))
         self.voxels = VoxelBuffer(context, max(room, 1), stride)
-        defines = dict(resolution.defines) | ({"TINT": 1} if tint else {})
-        self.painter = Painter(
-            context, self.voxels, defines, columns, file.block_log2, file.normal_bits
-        )
+        self.tint(tint)
         kind = resolution.defines.get("DEFORM", 0)
         self._deformation = Deformation.of(scene, kind, file.matrix, file.box)
         self._boxes = Boxes(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
@@ -78,6 +77,7 @@ class Renderer:
         self._history = Occlusion()
         self._resident = np.empty(0, np.bool_)
         self._waiting: list[tuple[int, Words]] = []  # read, not yet uploaded
+        self.last_cut: Cut | None = None
         self._relief = 1.0
         self._picture = 0
         self._last: tuple[object, ...] = ()
@@ -85,15 +85,22 @@ class Renderer:
         self._size = (0, 0)
         self.resize(size)
 
-    def resize(self, size: tuple[int, int]) -> None:
-        """Change the picture's size."""
-        if self._target is not None and size == self._size:
+    def tint(self, tint: bool) -> None:
+        """Colour by level, or as the scene says."""
+        defines = dict(self.resolution.defines) | ({"TINT": 1} if tint else {})
+        log2, bits = self.file.block_log2, self.file.normal_bits
+        self.painter = Painter(self._context, self.voxels, defines, self._columns, log2, bits)
+        self._last = ()
+
+    def resize(self, size: tuple[int, int], samples: int = 0) -> None:
+        """Change the picture's size, and its samples, at most what the driver has, if given."""
+        samples = min(samples or self._samples, self._context.max_samples)
+        if self._target is not None and (size, samples) == (self._size, self._target.samples):
             return
         if self._target is not None:
             self._target.release()
-        samples = min(self.scene.camera.samples, self._context.max_samples)
         ids = "OCCLUSION" in self.resolution.defines
-        self._size = size
+        self._size, self._samples, self._last = size, samples, ()
         self._target = Target(self._context, size, samples, ids=ids)
         if self._lights:
             if self._maps is not None:
@@ -118,7 +125,7 @@ class Renderer:
         view = self._view(camera)
         lights = self._light_views()
         cuts = self._walk(view, lights)
-        if self.synchronous:
+        if self.synchronous and not self.paused:
             while wish := self._wish(cuts):
                 self.tree.rows_of_pages(wish.pages)
                 self._grow()
@@ -128,7 +135,7 @@ class Renderer:
                 changed = True
                 cuts = self._walk(view, lights)
         else:
-            self.loader.ask(self._wish(cuts), self.tree.entries)
+            self.loader.ask(Wish() if self.paused else self._wish(cuts), self.tree.entries)
         self._keep(cuts)
         state = (camera, self._size, self.pixel_error, self._relief, self.closed, self.occlusion)
         if changed or state != self._last:
@@ -136,6 +143,7 @@ class Renderer:
         same = state == self._last and not changed
         self._last = state
         self._draw(cuts, view, lights)
+        self.last_cut = cuts[0]
         cut, wish = cuts[0], self._wish(cuts)
         wanted = len(wish.nodes) + len(wish.pages)
         drawn = cut.drawn
@@ -145,7 +153,9 @@ class Renderer:
             voxels=int(self.tree.count[drawn].sum()),
             wanted=wanted,
             uploaded=self.voxels.uploaded - before,
-            converged=not (wanted or self._waiting) and same and self._history.settled,
+            converged=(self.paused or not (wanted or self._waiting))
+            and same
+            and self._history.settled,
             pixel_error=self.pixel_error * self._relief,
             deepest=int(self.tree.level[drawn].min()) if len(drawn) else -1,
         )

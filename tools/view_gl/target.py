@@ -71,6 +71,10 @@ class Target:
         if self.samples > 1:
             self._context.copy_framebuffer(self._resolved, self._plain)
 
+    def copy_to(self, framebuffer: moderngl.Framebuffer) -> None:
+        """The resolved picture into a framebuffer of the same size and form."""
+        self._context.copy_framebuffer(framebuffer, self._resolved)
+
     def pixels(self) -> NDArray[np.uint8]:
         """(height, width, 4) the picture, its first row on top; alpha is what was covered."""
         width, height = self.size
