@@ -243,7 +243,7 @@ class Renderer:
             if ready and limit is not None and total + bytes_ > limit:
                 break
             self._waiting.pop(0)
-            if self._resident[node]:
+            if self._resident[node] or node in pool:  # asked for again while it came
                 continue
             if pool.nearly_full:
                 self.voxels.move(pool.defragment())
