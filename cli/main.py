@@ -24,6 +24,7 @@ COMMANDS = {  # command -> module of this package; imported when it is called
     "info": "inspect",
     "check": "inspect",
     "preview": "inspect",
+    "view": "viewer",
     "export": "content",
     "diff": "content",
     "report": "accuracy",
