@@ -49,6 +49,7 @@ class Memory:
         self.ranges.append((offset, length))
         self.opened.set()
         self.gate.wait()
+        threading.Event().wait(0.001)  # so that a second thread would be seen
         self._alone.release()
         return self.data[offset : offset + length]
 
@@ -197,6 +198,16 @@ def test_the_first_picture_takes_two_requests_and_nothing_in_it_more():
     assert 65_536 < end < len(LARGE)
     file.load(coarse, ALL)
     assert file.source.ranges == [(0, 65_536), (65_536, end - 65_536)]
+
+
+def test_what_is_in_memory_is_not_asked_for_again_with_what_is_not():
+    file = opened(LARGE)
+    file.load_opening()
+    known = sum(file.source.ranges[-1])
+    rows = file.page(0)
+    file.load(rows, ["mask"])
+    assert (rows["mask"]["offset"] < known).any()
+    assert all(offset >= known for offset, _ in file.source.ranges[2:])
 
 
 def test_a_small_file_takes_one_request():
