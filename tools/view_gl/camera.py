@@ -39,7 +39,7 @@ class Camera:
         length = np.linalg.norm(back)
         back = back / length if length > 0 else np.array([0.0, 0.0, 1.0])
         right = np.cross(self.up, back)
-        if np.linalg.norm(right) < 1e-9:
+        if np.linalg.norm(right) <= 1e-6 * np.linalg.norm(self.up):  # or rounding tells
             right = np.cross(np.eye(3)[int(np.argmin(np.abs(back)))], back)
         right /= np.linalg.norm(right)
         return np.stack((right, np.cross(back, right), back))

@@ -54,7 +54,7 @@ class Loader:
         self._wish = Wish()
         self._entries: Sequence[Any] = ()
         self._done = Loaded()
-        self._busy = False
+        self._reading = Wish()
         self._closed = False
         self._thread: threading.Thread | None = None
 
@@ -69,29 +69,31 @@ class Loader:
         return [(node, self._words(block)) for node, block in zip(nodes, found, strict=True)]
 
     def ask(self, wish: Wish, entries: Sequence[Any]) -> None:
-        """Replace what was asked for."""
+        """Replace what was asked for; what is being read or was not taken yet is not read again."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
             self._thread.start()
         with self._changed:
-            self._wish, self._entries = wish, entries
+            known = {*self._reading.nodes, *(node for node, _ in self._done.blocks)}
+            nodes = [node for node in wish.nodes if node not in known]
+            self._wish, self._entries = Wish(wish.pages, nodes), entries
             self._changed.notify()
 
     def take(self) -> Loaded:
-        """What was read since; raises what the thread met."""
+        """What was read since; raises what the thread met, once, and what was read can wait."""
         with self._changed:
-            done, self._done = self._done, Loaded()
-        if done.failure is not None:
-            raise done.failure
-        return done
+            failure, self._done.failure = self._done.failure, None
+            if failure is None:
+                done, self._done = self._done, Loaded()
+                return done
+        raise failure
 
     @property
     def idle(self) -> bool:
         """Is nothing asked for, being read or to be taken?"""
         with self._changed:
-            wish = self._wish
-            nothing = not (wish.pages or wish.nodes or self._done.blocks or self._done.pages)
-            return nothing and not self._busy
+            done = self._done.pages or self._done.blocks or self._done.failure
+            return not (self._wish or self._reading or done)
 
     def close(self) -> None:
         """End the thread."""
@@ -104,21 +106,20 @@ class Loader:
     def _run(self) -> None:
         while True:
             with self._changed:
-                self._busy = False
-                while not (self._closed or self._wish.pages or self._wish.nodes):
+                self._reading = Wish()
+                while not (self._closed or self._wish):
                     self._changed.wait()
                 if self._closed:
                     return
-                pages, nodes = self._next()
-                entries = self._entries
-                self._busy = True
+                self._reading, self._wish = self._split(self._wish)
+                reading, entries = self._reading, self._entries
             done = Loaded()
             try:
-                for page in pages:
+                for page in sorted(reading.pages):
                     self._file.page(page)
                     done.pages.append(page)
-                if nodes:
-                    done.blocks = self.read(entries, nodes)
+                if reading.nodes:
+                    done.blocks = self.read(entries, reading.nodes)
             except Exception as error:  # told to the main thread, whatever it is
                 done.failure = error
             with self._changed:
@@ -128,15 +129,15 @@ class Loader:
                 if done.failure is not None:
                     self._wish = Wish()
 
-    def _next(self) -> tuple[list[int], list[int]]:
-        """Take the front of the list: all its pages, and blocks up to the size of a batch."""
-        pages, nodes = sorted(self._wish.pages), list(self._wish.nodes)
+    def _split(self, wish: Wish) -> tuple[Wish, Wish]:
+        """The front of a list, all its pages or blocks up to the size of a batch, and the rest."""
+        if wish.pages:
+            return Wish(pages=wish.pages), Wish(nodes=wish.nodes)
         size, count = 0, 0
-        while count < len(nodes) and (count == 0 or size < BATCH_BYTES) and not pages:
-            size += stored_bytes(self._entries[nodes[count]], self._names)
+        while count < len(wish.nodes) and size < BATCH_BYTES:
+            size += stored_bytes(self._entries[wish.nodes[count]], self._names)
             count += 1
-        self._wish = Wish(nodes=nodes[count:])
-        return pages, nodes[:count]
+        return Wish(nodes=wish.nodes[:count]), Wish(nodes=wish.nodes[count:])
 
     def _words(self, block: dict[str, NDArray[Any]]) -> Words:
         """(n, stride) u32: place and mask, then normal x | y << 16, colour R | … | A << 24."""
