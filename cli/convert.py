@@ -112,6 +112,7 @@ def _voxelize(values: dict[str, Any]) -> VoxelizeSettings:
         block=values["block"],
         lod=not values["no_lod"],
         keep_weights=values["keep_weights"],
+        keep_geometry=values["keep_geometry"],
         faces=values["faces"],
         normals=values["normals"],
         normal_bits=values["normal_bits"],

@@ -207,6 +207,11 @@ voxelizing = stack(
     click.option("--no-lod", is_flag=True, help="Write level 0 alone, with its weights."),
     click.option("--keep-weights", is_flag=True, help="Write each voxel's surface area."),
     click.option(
+        "--keep-geometry",
+        is_flag=True,
+        help="Write the source triangles too, cut at the borders of the finest blocks.",
+    ),
+    click.option(
         "--faces",
         type=click.Choice(["front", "both"]),
         default="front",

@@ -38,8 +38,8 @@ def build(
 
     ingest : fields of `gstream.job.IngestSettings` beside the inputs
     voxelize : fields of `gstream.job.VoxelizeSettings`: resolution or voxel_size (one of them is
-        needed), snap_bits, sep, ties, block, lod, keep_weights, faces, normals, normal_bits, lz4,
-        cell
+        needed), snap_bits, sep, ties, block, lod, keep_weights, keep_geometry, faces, normals,
+        normal_bits, lz4, cell
     workers : processes, 0 = this one, None = one per processor
     memory : bytes for all processes together
     tmp : folder for scratch; None = $TMPDIR, else the output's folder

@@ -78,7 +78,7 @@ RULES: Final = (
     Rule("GSB-0401", ERROR, READER, "7.1",
          "Stored bytes unpack to exactly the filtered length."),
     Rule("GSB-0402", ERROR, READER, "7.1",
-         "The raw length is the one that the voxel count gives."),
+         "The raw length is the one that the voxel count gives, or whole items of a piece column."),
     Rule("GSB-0403", ERROR, READER, "7.1",
          "A constant stores no bytes and fits its components."),
     Rule("GSB-0404", ERROR, READER, "7.2",
@@ -99,6 +99,10 @@ RULES: Final = (
          "Stored bytes match their CRC."),
     Rule("GSB-0412", NOTE, READER, "7",
          "A column of an unknown kind, codec or filter is not checked."),
+    Rule("GSB-0413", ERROR, READER, "7.4",
+         "Vertex numbers of source triangles are below the number of vertices."),
+    Rule("GSB-0414", ERROR, VALIDATOR, "7.4",
+         "Source triangles are a finest block's: vertices inside, different, all used."),
     Rule("GSB-0501", ERROR, VALIDATOR, "5.2",
          "The bounds of an entry are those of its voxels."),
     Rule("GSB-0502", ERROR, VALIDATOR, "8.1",
@@ -123,6 +127,8 @@ RULES: Final = (
          "Voxels per level in the ledger are those of the level table."),
     Rule("GSB-0603", ERROR, VALIDATOR, "9",
          "Counters are integers from 0; a part is not larger than its whole."),
+    Rule("GSB-0604", ERROR, VALIDATOR, "9",
+         "The pieces in the ledger are as many as the source triangles that are stored."),
 )  # fmt: skip
 
 

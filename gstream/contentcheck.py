@@ -19,7 +19,9 @@ from gstream.formats.columns import COLUMN_IDS, hash64, raw_form
 from gstream.formats.directory import STATE_DATA, Rows, group_starts
 from gstream.formats.findings import ERROR, NOTE, Finding, broken
 from gstream.formats.morton import decode_morton
+from gstream.formats.pieces import PIECE_IDS, TRIANGLE, VERTEX, Pieces, hash_of
 from gstream.levelcheck import Columns, Comparison, Family, level_columns
+from gstream.piececheck import piece_findings
 from gstream.read import BlockFile, BlockView
 
 Progress = Callable[[int, int], None]  # blocks checked, blocks in all
@@ -38,6 +40,9 @@ class Content:
         self.identity = blake2b(settings, digest_size=CONTENT_ID_BYTES)
         self.unreadable: set[str] = set()  # columns of an unknown kind, codec or filter
         self.damaged = False
+        self.voxel_specs = {n: s for n, s in file.specs.items() if s.id not in PIECE_IDS}
+        self.piece_names = [n for n, s in file.specs.items() if s.id in PIECE_IDS]
+        self.pieces = 0  # source triangles
         weighed = head.settings.lod_weighting == "area"
         self.attributes = not weighed or "weight" in file.specs  # of levels can be checked
 
@@ -53,6 +58,7 @@ class Content:
                 done += len(entries)
                 if progress:
                     progress(done, self.file.head.blocks)
+        yield from self._piece_totals()
         for name in sorted(self.unreadable):
             said = "this release does not know its kind, codec or filter: only its CRC was checked"
             yield Finding("GSB-0412", NOTE, f"column {name}", said)
@@ -69,8 +75,8 @@ class Content:
             return False
         level, file = int(entries["level"][0]), self.file
         rows = entries[entries["state"] == STATE_DATA]
-        batches = file.decode(rows, file.specs)
-        if not (_are_sound(batches, file.specs) and self._are_places(rows, batches)):
+        batches = file.decode(rows, self.voxel_specs)
+        if not (_are_sound(batches, self.voxel_specs) and self._are_places(rows, batches)):
             return False
         if any(self._meaningless({name: batch.values for name, batch in batches.items()})):
             return False
@@ -79,9 +85,16 @@ class Content:
             above = file.directory.between(level + 1, first, last)
             if not self._make(rows, batches, above[above["state"] == STATE_DATA]):
                 return False
-        hashes = np.zeros((len(entries), len(batches)), np.uint64)
         columns = [list(batch.hashes()) for batch in batches.values()]
-        hashes[entries["state"] == STATE_DATA] = np.array(columns, np.uint64).T
+        of_data = np.zeros((len(rows), len(file.specs)), np.uint64)
+        of_data[:, : len(batches)] = np.array(columns, np.uint64).T
+        pieces = self.pieces
+        for row, of_block in zip(rows, of_data, strict=True) if self.piece_names else ():
+            if any(self._block_pieces(BlockView(file, row), of_block)) or self.unreadable:
+                self.pieces = pieces
+                return False
+        hashes = np.zeros((len(entries), len(file.specs)), np.uint64)
+        hashes[entries["state"] == STATE_DATA] = of_data
         self.identity.update(identity_rows(entries, hashes))
         return True
 
@@ -137,9 +150,38 @@ class Content:
     def _readable(self) -> Set[str]:
         return self.file.specs.keys() - self.unreadable
 
+    def _block_pieces(self, view: BlockView, hashes: NDArray[np.uint64]) -> Iterator[Finding]:
+        """The source triangles of a block; their columns' hashes go into `hashes`."""
+        columns = {}
+        for name in self.piece_names:
+            try:
+                columns[name] = view.column(name)
+            except CorruptFileError as error:
+                yield broken(error)
+                return
+            except UnsupportedError:
+                self.unreadable.add(name)
+                continue
+            hashes[list(self.file.specs).index(name)] = hash_of(columns[name])
+        self.pieces += len(columns.get(TRIANGLE, ()))
+        if len(columns) == len(PIECE_IDS):
+            yield from piece_findings(view, Pieces(columns[VERTEX], columns[TRIANGLE]))
+
+    def _piece_totals(self) -> Iterator[Finding]:
+        """What all blocks together must say of source triangles."""
+        if len(self.piece_names) == 1:
+            yield Finding("GSB-0414", ERROR, "column table", "it has one of two columns")
+        stated = self.file.metadata["ledger"].get("pieces", self.pieces)
+        known = not self.damaged and TRIANGLE not in self.unreadable
+        if TRIANGLE in self.piece_names and known and stated != self.pieces:
+            said = f"pieces {stated} are not the {self.pieces} that are stored"
+            yield Finding("GSB-0604", ERROR, "ledger", said)
+
     def _block(self, view: BlockView, hashes: NDArray[np.uint64]) -> Iterator[Finding]:
         """One block alone; its columns' hashes go into `hashes`."""
         for i, (name, spec) in enumerate(self.file.specs.items()):
+            if spec.id in PIECE_IDS:
+                continue
             try:
                 if spec.id not in COLUMN_IDS:
                     view.stored(name)
@@ -156,6 +198,8 @@ class Content:
         if "occupancy" not in self.unreadable:
             yield from self._places(view)
         yield from self._values(view)
+        if self.piece_names:
+            yield from self._block_pieces(view, hashes)
 
     def _places(self, view: BlockView) -> Iterator[Finding]:
         place = f"level {view.level}, block {view.key}"

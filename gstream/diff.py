@@ -1,7 +1,8 @@
 """`gstream diff`: do two block files hold the same voxels, and if not, where and how much?
 
 Content is compared, not bytes: blocks may have other sizes, columns other filters. Cell by cell in
-Morton order, a cell being as large as the larger block, so memory is that of a few blocks.
+Morton order, a cell being as large as the larger block, so memory is that of a few blocks. Source
+triangles are not compared: where blocks have other sizes they are cut in other places.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from gstream.compiled import compiled
 from gstream.formats.lodrule import decode_normals
 from gstream.formats.morton import decode_morton
+from gstream.formats.pieces import PIECE_IDS
 from gstream.read import BlockFile, BlockView, open_block_file
 
 Progress = Callable[[int, int], None]  # blocks done, blocks in all
@@ -174,6 +176,7 @@ def _heads(a: BlockFile, b: BlockFile) -> Difference:
     pairs |= {name: (getattr(a.header, name), getattr(b.header, name)) for name in MADE_WITH}
     pairs |= {name: (a.metadata.get(name), b.metadata.get(name)) for name in METADATA}
     names = [tuple(name for name in file.columns if name != "occupancy") for file in (a, b)]
+    voxels = [name for name in names[0] if a.specs[name].id not in PIECE_IDS]
     return Difference(
         paths=(a.path, b.path),
         matrices=(a.matrix, b.matrix),
@@ -182,7 +185,7 @@ def _heads(a: BlockFile, b: BlockFile) -> Difference:
             tuple(name for name in names[0] if name not in names[1]),
             tuple(name for name in names[1] if name not in names[0]),
         ),
-        compared=tuple(name for name in names[0] if name in names[1]),
+        compared=tuple(name for name in voxels if name in names[1]),
     )
 
 

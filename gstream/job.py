@@ -39,6 +39,7 @@ class VoxelizeSettings:
     block: int = 64  # voxels per block edge: a power of two, 8 to 256
     lod: bool = True
     keep_weights: bool = False
+    keep_geometry: bool = False  # the source triangles, with the finest blocks
     faces: str = "front"  # front | both
     normals: str = "geometric"  # geometric | input
     normal_bits: int = 11

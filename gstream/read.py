@@ -27,6 +27,15 @@ from gstream.formats.framing import crc32
 from gstream.formats.lodrule import unit_vectors
 from gstream.formats.morton import decode_morton, decode_one, encode_morton
 from gstream.formats.pages import Directory
+from gstream.formats.pieces import (
+    PIECE_IDS,
+    TRIANGLE,
+    VERTEX,
+    Pieces,
+    check_numbers,
+    decode_piece_column,
+    items_of,
+)
 from gstream.source import Ranges, Source, open_ranges
 
 Place = Sequence[int]
@@ -322,17 +331,39 @@ class BlockView:
     def column(self, name: str) -> NDArray[Any]:
         """One decoded column: (n,) or (n, components); occupancy as (n,) u32 Morton codes.
 
+        n is `count`, but of the columns of `pieces`.
         errors : UnsupportedError for a column that the file lacks or an unknown codec;
                  CorruptFileError GSB-04..
         """
         if name not in self.decoded:
             spec = self._known(name)
+            if spec.id in PIECE_IDS:
+                return self._piece_column(spec)
             data, record, offset = self._stored(name)
             self.decoded[name] = decode_column(
                 spec, record, data, self.count, self.file.head.settings.block_log2,
                 filters=self.file.arithmetic(self.count).filters, path=self.file.path, at=offset,
             )  # fmt: skip
         return self.decoded[name]
+
+    def pieces(self) -> Pieces:
+        """The source triangles in the block, cut at its borders; none above level 0.
+
+        errors : as `column`
+        """
+        return Pieces(self.column(VERTEX), self.column(TRIANGLE))
+
+    def _piece_column(self, spec: ColumnSpec) -> NDArray[Any]:
+        data, record, offset = self._stored(spec.name)
+        values = decode_piece_column(
+            spec, record, data, filters=self.file.arithmetic(items_of(record.raw_bytes)).filters,
+            path=self.file.path, at=offset,
+        )  # fmt: skip
+        if spec.name == TRIANGLE:
+            vertex = self.file.specs.get(VERTEX)
+            vertices = items_of(int(self.entry[vertex.field]["raw"])) if vertex else 0
+            check_numbers(values, vertices, self.file.path, offset)
+        return values
 
     def octree(self) -> U8:
         """(nodes,) u8: the raw occupancy column, child masks of the octree; errors as `column`."""
@@ -348,7 +379,7 @@ class BlockView:
         if spec is None:
             remedy = f"the file stores {', '.join(self.file.columns)}"
             raise UnsupportedError(self.file.path, f"there is no column {name!r}", remedy)
-        if spec.id not in COLUMN_IDS:
+        if spec.id not in COLUMN_IDS and spec.id not in PIECE_IDS:
             said = f"column {name!r} is of a kind that this release does not know"
             raise UnsupportedError(self.file.path, said, "upgrade gstream")
         return spec

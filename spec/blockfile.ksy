@@ -307,6 +307,8 @@ enums:
     5: weight
     6: label
     7: spread
+    32: vertex
+    33: triangle
   codec:
     0: raw
     1: lz4

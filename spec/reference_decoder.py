@@ -12,10 +12,9 @@ PAGE = "level u1,zero 3u1,count <u4,key <u8,offset <u8,length <u4,crc <u4"
 RECORD = "offset <u8,stored <u4,raw <u4,crc <u4,constant <u4,codec u1,filter u1,zero 6u1"
 ENTRY = "key <u8,count <u4,level u1,state u1,children u1,flags u1,low 3u1,high 3u1,zero 2u1"
 PAGE, RECORD, ENTRY = ([tuple(f.split()) for f in s.split(",")] for s in (PAGE, RECORD, ENTRY))
-COLUMNS = {1: (1, 8, 1), 2: (1, 6, 1), 3: (2, 0, 2), 4: (4, 8, 1), 5: (1, 32, 4), 6: (1, 32, 4),
-           7: (1, 8, 1)}  # components, bits, bytes; below: bytes, components, domains, filters
+COLUMNS = {1: (1, 8, 1), 2: (1, 6, 1), 4: (4, 8, 1), 5: (1, 32, 4), 6: (1, 32, 4), 7: (1, 8, 1)}
 ATTRIBUTES = {0: (2, 1, (1,), (0, 3, 6)), 1: (4, 3, (0,), (0, 2, 5)), 2: (8, 3, (0,), (0, 2, 5)),
-              3: (4, 3, (0,), (0, 2, 5)), 4: (1, 4, (0, 2, 3), (0, 1, 4))}
+              3: (4, 3, (0,), (0, 2, 5)), 4: (1, 4, (0, 2, 3), (0, 1, 4))}  # see chunk
 def need(condition, rule):
     if not condition:
         raise ValueError(rule)
@@ -30,7 +29,7 @@ def joined(planes, step, width):  # numbers from their planes of bits (step 1) o
     return sum(plane.astype(f"<u{width}") << step * i for i, plane in enumerate(planes))
 def below(codes, masks):  # Morton codes of the children that child masks name
     every = codes[:, None] << 3 | np.arange(8, dtype=codes.dtype)
-    return every[np.unpackbits(masks[:, None], axis=1, bitorder="little").view(bool)]
+    return every[np.unpackbits(masks.astype("u1")[:, None], axis=1, bitorder="little").view(bool)]
 def rows(data, table, begin, dtype, rule):  # what stands in the (table) pages of a page table
     parts = [np.empty(0, dtype)]
     for level, zero, count, key, at, length, crc in np.frombuffer(table, PAGE).tolist():
@@ -56,31 +55,32 @@ def blocks(data):  # (level, counts, {column: (components, n) values}) of each b
     table = rows(data, table, begin, PAGE, "GSB-0207") if depth == 2 else np.frombuffer(table, PAGE)
     entries = rows(data, table, begin, [*ENTRY, *((str(i), RECORD) for i in names)], "GSB-0301")
     need((len(table), len(entries)) == (pages, count) and count <= 1 << 24, "GSB-0206")
-    key, level = entries["key"].astype("i8"), entries["level"].astype("i8")
-    need((np.diff(key - (level << 48)) > 0).all(), "GSB-0303")
-    need((level < np.where(entries["children"], levels, 1)).all(), "GSB-0306")
+    key, at, mask = (entries[name].astype("i8") for name in ("key", "level", "children"))
+    need((np.diff(key - (at << 48)) > 0).all(), "GSB-0303")
+    need((at < np.where(mask, levels, 1)).all(), "GSB-0306")
     for n in range(levels):
-        here, finer = entries[level == n], entries[level == n - 1]
-        need(np.array_equal(below(here["key"], here["children"]), finer["key"]), "GSB-0306")
+        need(np.array_equal(below(key[at == n], mask[at == n]), key[at == n - 1]), "GSB-0306")
+    shapes = COLUMNS | {3: (2, bits, 2), 32: (3, log2 + snap + 1, 4), 33: (3, 32, 4)}
     for row in entries[entries["state"] != 0]:
         need(1 <= row["count"] <= 8**log2, "GSB-0409")
-        found = {"key": row["key"]} | {names[i]: column(data, row, i, log2, bits) for i in names}
+        found = {"key": row["key"]} | {names[i]: column(data, row, i, log2, shapes) for i in names}
         yield int(row["level"]), {"blocks": 1, "voxels": int(row["count"])}, found
-def column(data, entry, id_, log2, normal_bits):  # None: a kind, codec or filter that is unknown
+def column(data, entry, id_, log2, shapes):  # None: a kind, codec or filter that is unknown
     offset, stored, raw, crc, constant, codec, filter_, _ = entry[str(id_)].item()
-    part, n = data[offset : offset + stored], int(entry["count"])
+    part = data[offset : offset + stored]
     need(len(part) == stored and crc32(part) == crc, "GSB-0411")
-    if id_ not in COLUMNS or codec > 2 or filter_ > 5:
+    if id_ not in shapes or codec > 2 or filter_ > 5:
         return None
-    components, bits, item = COLUMNS[id_]
-    bits = bits or normal_bits
+    parts, bits, item = shapes[id_]  # components, bits, bytes
+    n = int(entry["count"]) if id_ < 32 else raw // 12 * (codec < 2)
     need(filter_ == 0 or (codec < 2 and id_ > 1 and (filter_ < 5 or id_ == 4)), "GSB-0404")
-    need(raw in range(log2, log2 * n + 1) if id_ == 1 else raw == n * components * item, "GSB-0402")
+    sizes = range(log2, log2 * n + 1) if id_ == 1 else [n * parts * item or codec // 2]
+    need(raw in sizes, "GSB-0402")
     if codec == 2 and id_ > 1:
-        value = [constant >> 8 * item * i & (1 << 8 * item) - 1 for i in range(components)]
-        need(max(value) >> bits == constant >> 8 * item * components == stored == 0, "GSB-0403")
+        value = [constant >> 8 * item * i & (1 << 8 * item) - 1 for i in range(parts)]
+        need(max(value) >> (n and bits) == constant >> 8 * item * parts == stored == 0, "GSB-0403")
         return np.repeat(np.array(value, f"<u{item}")[:, None], n, axis=1)
-    part = unpack(part, codec, raw if filter_ < 2 else components * bits * -(-n // 8), "GSB-0401")
+    part = unpack(part, codec, raw if filter_ < 2 else parts * bits * -(-n // 8), "GSB-0401")
     if id_ == 1:
         values = np.zeros(1, np.uint32)
         for _ in range(log2):
@@ -90,16 +90,17 @@ def column(data, entry, id_, log2, normal_bits):  # None: a kind, codec or filte
         need(len(part) == 0 and len(values) == n, "GSB-0408")
         return values
     if filter_ < 2:
-        part = part.reshape((components, item, n) if filter_ else (components, n, item))
+        part = part.reshape((parts, item, n) if filter_ else (parts, n, item))
         values = joined(np.moveaxis(part, 2 - filter_, 0), 8, item)
     else:
-        planes = part.reshape(components, bits, -1).swapaxes(0, 1)
+        planes = part.reshape(parts, bits, -1).swapaxes(0, 1)
         values = joined((np.unpackbits(plane, 1, n, "little") for plane in planes), 1, item)
         values = np.cumsum(values >> 1 ^ -(values & 1), 1, values.dtype) if filter_ % 2 else values
         values = np.bitwise_xor.accumulate(values, 1) if filter_ == 4 else values
     need(filter_ > 1 or values.max() >> bits == 0, "GSB-0405")
     if filter_ == 5:
         values[:3] = values[1] + values[0], values[0].copy(), values[2] + values[0]
+    need(id_ != 33 or values.max() < entry["32"]["raw"] // 12, "GSB-0413")
     return values & values.dtype.type((1 << bits) - 1)
 def stream(data):  # (0, counts, {attribute: (components, n) values}) of each chunk
     version, _, incompatible, _, _, count, _, text = struct.unpack_from("<HHIIIHHI", data, 12)
@@ -149,9 +150,8 @@ def chunk(data, row):
             values = undelta(planes, found[0] if filter_ > 3 else np.empty(0), filter_ in (2, 5))
         need(id_ or not n or values.max() < vertices, "GST-0112")
         if id_ in (1, 2):
-            points = values.view(f"<f{item}") if n else np.zeros((1, 3))
-            box = points.min(axis=0).tolist() + points.max(axis=0).tolist()  # -0.0 is to be 0.0
-            need(struct.pack("<6d", *(value or 0.0 for value in box)) == data[32:80], "GST-0117")
+            points = values.view(f"<f{item}") + 0.0 if n else np.zeros((1, 3))  # not -0.0
+            need(struct.pack("<6d", *points.min(0), *points.max(0)) == data[32:80], "GST-0117")
         found[id_] = values.T
     return {"chunks": 1, "triangles": triangles, "vertices": vertices}, found
 def connect(data, start, triangles, vertices):  # vertices of the corners; codes stand before start

@@ -13,6 +13,7 @@ from struct import Struct
 from zlib import crc32
 
 import numpy as np
+import piece_block_files as piece
 import pytest
 import rare_block_files as rare
 from filtered_block_files import every_filter
@@ -320,6 +321,7 @@ DAMAGE: dict[str, Callable[[], bytes]] = {
     "GSB-0601": lambda: with_ledger(triangles=3, assigned=2),
     "GSB-0602": patch_voxels,
     "GSB-0603": lambda: with_ledger(triangles=1, assigned=1, degenerate=2),
+    **piece.DAMAGE,
 }
 
 
@@ -357,6 +359,7 @@ GOOD: dict[str, Callable[[], bytes]] = {
     "blocks-most-tables": rare.most_tables,
     "blocks-most-pages": lambda: file_bytes(rare.scattered(1400, 8), paging=Paging(1)),
     "blocks-full-page": lambda: file_bytes(rare.scattered(1032, 1)),
+    **piece.GOOD,
 }
 
 

@@ -29,6 +29,7 @@ from gstream.formats.directory import (
     unpack_columns,
 )
 from gstream.formats.framing import BLOCK_MAGIC, crc32
+from gstream.formats.pieces import piece_specs
 from gstream.grid import MAX_RESOLUTION
 
 TAIL_MAGIC: Final = b"\x89GSBTAIL\r\n\x1a\n"
@@ -72,6 +73,11 @@ class BlockFileHeader:
     normals: str = "geometric"  # geometric | input
     lod_weighting: str = "area"  # area | count
     normal_bits: int = 11
+
+    @property
+    def vertex_bits(self) -> int:
+        """Bits of a coordinate of a source triangle in a block, borders included."""
+        return self.block_log2 + self.snap_bits + 1
 
     def pack(self) -> bytes:
         """The 160 bytes that the content id begins with."""
@@ -337,7 +343,9 @@ def _parse_columns(
     if ids[0] != 1 or ids != sorted(set(ids)) or len(names) != count or rows["zero"].any():
         said = "columns must have ascending ids from 1, distinct names and zero reserved bytes"
         raise CorruptFileError("GSB-0204", path, at, said)
-    known = {c.id: c for c in column_specs(settings.normal_bits).values()}
+    shapes = [*column_specs(settings.normal_bits).values()]
+    shapes += piece_specs(settings.vertex_bits).values()
+    known = {c.id: c for c in shapes}
     if pack_columns(columns) != table or any(known.get(c.id, c) != c for c in columns):
         raise CorruptFileError("GSB-0204", path, at, "a known column has another name or shape")
     return columns

@@ -64,6 +64,11 @@ class ColumnSpec:
         """Little-endian unsigned type of one item."""
         return UNSIGNED[self.item_bytes]
 
+    @property
+    def packs(self) -> bool:
+        """A constant of it fits a directory entry."""
+        return self.name != "occupancy" and self.components * self.item_bytes <= 4
+
     def raw_bytes(self, count: int) -> int:
         """Length of the raw column of `count` voxels; not for occupancy, whose length varies."""
         return count * self.components * self.item_bytes
@@ -172,7 +177,7 @@ def encode_block(
             raw = filters.encode_occupancy(block.morton, log2_edge).reshape(1, -1)
         else:
             raw = raw_form(column_values(block, spec))
-        encoded[name] = _encode_column(spec, raw, lz4, filters, name in stored)
+        encoded[name] = encode_column(spec, raw, lz4, filters, keep_raw=name in stored)
     return encoded
 
 
@@ -197,12 +202,13 @@ def hash64(*raw: Buffer) -> int:
     return int.from_bytes(digest.digest(), "little")
 
 
-def _encode_column(
-    spec: ColumnSpec, planar: Ints, lz4: str, filters: Filters, keep_raw: bool
+def encode_column(
+    spec: ColumnSpec, planar: Ints, lz4: str, filters: Filters, *, keep_raw: bool = False
 ) -> EncodedColumn:
+    """Encode (components, n) values; keep_raw : as `stored` of encode_block."""
     raw = planar.nbytes
     digest = 0 if keep_raw else hash64(planar.reshape(-1).data)
-    if spec.name != "occupancy" and _all_equal(planar):
+    if spec.packs and _all_equal(planar):
         packed = pack_constant(spec, planar[:, 0])
         return EncodedColumn(b"", raw, 0, packed, CODEC_CONSTANT, plain.NONE, digest)
     if keep_raw:
@@ -259,11 +265,25 @@ def decode_column(
         masks = octree_masks(record, data, count, log2_edge, filters=filters, path=path, at=at)
         return filters.decode_occupancy(masks, log2_edge, count)
     _check_count(count, log2_edge, path, at)
-    _check_record(spec, record, path, at)
+    check_record(spec, record, path, at)
     if record.raw_bytes != spec.raw_bytes(count):
         raise _raw_bytes_error(spec.name, record, count, path, at)
     if record.codec == CODEC_CONSTANT:
         return squeezed(_constant_column(spec, record, data, count, path, at))
+    return squeezed(decode_items(spec, record, data, count, filters=filters, path=path, at=at))
+
+
+def decode_items(
+    spec: ColumnSpec,
+    record: ColumnRecord,
+    data: Buffer,
+    count: int,
+    *,
+    filters: Filters,
+    path: str,
+    at: int,
+) -> Ints:
+    """(count, components) values of a record whose codec, filter and raw length are checked."""
     length = plain.filtered_bytes(record.filter, count, spec.components, spec.item_bytes, spec.bits)
     unpacked = _unpack(record, data, length, path, at)
     if record.filter >= plain.BIT_PLANES:
@@ -274,7 +294,7 @@ def decode_column(
     )
     if record.filter < plain.BIT_PLANES and spec.bits < 8 * spec.item_bytes:
         _check_range(spec, int(values.max()), path, at)
-    return squeezed(values)
+    return values
 
 
 def octree_masks(
@@ -293,7 +313,7 @@ def octree_masks(
     returns: (nodes,) u8
     """
     _check_count(count, log2_edge, path, at)
-    _check_record(OCCUPANCY, record, path, at)
+    check_record(OCCUPANCY, record, path, at)
     # A node of the octree has a voxel below it, on each of log2_edge levels.
     if not log2_edge <= record.raw_bytes <= log2_edge * count:
         raise _raw_bytes_error(OCCUPANCY.name, record, count, path, at)
@@ -317,8 +337,8 @@ def _check_count(count: int, log2_edge: int, path: str, at: int) -> None:
         raise CorruptFileError(RULE_COUNT, path, at, said)
 
 
-def _check_record(spec: ColumnSpec, record: ColumnRecord, path: str, at: int) -> None:
-    """Codec and filter, each alone and together."""
+def check_record(spec: ColumnSpec, record: ColumnRecord, path: str, at: int) -> None:
+    """Refuse a codec or filter that is unknown, or that the column may not have."""
     if record.codec not in (CODEC_RAW, CODEC_LZ4, CODEC_CONSTANT):
         said = f"column {spec.name} has codec {record.codec}, which this release does not know"
         raise UnsupportedError(path, said, "update gstream, or read the other columns")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gstream.errors import CorruptFileError
 from gstream.formats.columns import ColumnSpec, column_specs
+from gstream.formats.pieces import piece_specs
 
 Rows = NDArray[Any]  # structured, dtype entry_dtype(...) or pile_dtype(...)
 
@@ -114,7 +115,7 @@ def unpack_columns(table: bytes) -> tuple[ColumnSpec, ...]:
 
 def _spec(id_: int, name: str, components: int, bits: int) -> ColumnSpec:
     """The spec of a known column; of an unknown one, as much as its table row says."""
-    known = column_specs(bits).get(name)
+    known = column_specs(bits).get(name) or piece_specs(bits).get(name)
     if known is not None and (known.id, known.components, known.bits) == (id_, components, bits):
         return known
     item_bytes = 1 if bits <= 8 else 2 if bits <= 16 else 4

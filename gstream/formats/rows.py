@@ -11,16 +11,21 @@ import numpy as np
 
 from gstream.formats.columns import ColumnSpec, column_specs
 from gstream.formats.directory import Rows, pile_dtype
+from gstream.formats.pieces import piece_specs
 
 
 def pipeline_columns(
-    colours: bool, normal_bits: int, weighted: bool = True
+    colours: bool, normal_bits: int, weighted: bool = True, vertex_bits: int = 0
 ) -> tuple[ColumnSpec, ...]:
-    """The columns that piles carry: the weight too, for the levels above, unless there is none."""
+    """The columns that piles carry: the weight too, for the levels above, unless there is none.
+
+    vertex_bits : of source triangles, 0 where these are not kept
+    """
     specs = column_specs(normal_bits)
     wanted = {"occupancy", "mask", "normal"}
     wanted |= ({"colour"} if colours else set()) | ({"weight"} if weighted else set())
-    return tuple(spec for name, spec in specs.items() if name in wanted)
+    pieces = piece_specs(vertex_bits).values() if vertex_bits else ()
+    return (*(spec for name, spec in specs.items() if name in wanted), *pieces)
 
 
 def rows_from_bytes(data: bytes, columns: Sequence[ColumnSpec]) -> Rows:

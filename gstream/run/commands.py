@@ -16,6 +16,7 @@ from typing import Any, cast
 
 from gstream import __version__
 from gstream.errors import RefusedError, StoppedError, UsageError
+from gstream.formats.pieces import TRIANGLE, VERTEX
 from gstream.grid import MAX_RESOLUTION, check_snap_bits
 from gstream.job import IngestSettings, Job, VoxelizeSettings
 from gstream.read import open_block_file
@@ -278,6 +279,7 @@ def simplify(blockfile: str, output: str, options: RunOptions) -> Request:
         resolution=held.resolution,
         block=1 << held.block_log2,
         keep_weights="weight" in columns,
+        keep_geometry={VERTEX, TRIANGLE} <= set(columns),
         faces=held.faces,
         normals=held.normals,
         normal_bits=held.normal_bits,

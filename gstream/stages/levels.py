@@ -12,10 +12,17 @@ from typing import Any, Final
 import numpy as np
 
 from gstream.formats.cells import Scene
-from gstream.formats.columns import Block, ColumnSpec, EncodedColumn, encode_block
+from gstream.formats.columns import (
+    COLUMN_IDS,
+    Block,
+    ColumnSpec,
+    EncodedColumn,
+    encode_block,
+)
 from gstream.formats.filters import NONE
 from gstream.formats.framing import CODEC_RAW
 from gstream.formats.lodrule import COLOUR_TABLES
+from gstream.formats.pieces import NO_PIECES, Pieces, encode_pieces
 from gstream.formats.pile import PileWriter
 from gstream.formats.rows import pipeline_columns
 from gstream.job import VoxelizeSettings
@@ -35,7 +42,13 @@ def coarsest_level(settings: VoxelizeSettings, scene: Scene) -> int:
 
 def job_columns(settings: VoxelizeSettings, scene: Scene) -> tuple[ColumnSpec, ...]:
     """The columns that this job's piles carry."""
-    return pipeline_columns(scene.colours, settings.normal_bits, scene.weighted)
+    bits = vertex_bits(settings, scene) if settings.keep_geometry else 0
+    return pipeline_columns(scene.colours, settings.normal_bits, scene.weighted, bits)
+
+
+def vertex_bits(settings: VoxelizeSettings, scene: Scene) -> int:
+    """Bits of a coordinate of a source triangle in a block, borders included."""
+    return settings.block.bit_length() + scene.grid.snap_bits
 
 
 @dataclass(slots=True)
@@ -55,17 +68,28 @@ class LevelPile:
     ) -> None:
         self.pile, self.settings, self.scene, self.top = pile, settings, scene, top
         self.log2_edge = settings.block.bit_length() - 1
-        self.names = tuple(column.name for column in job_columns(settings, scene))
+        self.vertex_bits = vertex_bits(settings, scene)
+        columns = job_columns(settings, scene)
+        self.names = tuple(c.name for c in columns if c.id in COLUMN_IDS)
         self.parents = [Parent() for _ in range(top + 1)]
         self.blocks = self.voxels = 0  # written
 
-    def write(self, key: int, level: int, block: Block, children: int = 0) -> None:
-        """Write a block, then climb."""
+    def write(
+        self,
+        key: int,
+        level: int,
+        block: Block,
+        children: int = 0,
+        pieces: Pieces = NO_PIECES,
+    ) -> None:
+        """Write a block, then climb; pieces : its source triangles, where these are kept."""
         encoded = {"weight": NOT_STORED} | encode_block(
             block, self.log2_edge, self._wanted(level), self.settings.normal_bits,
             self.settings.lz4, filters=fast,
             stored=frozenset() if self.settings.keep_weights else frozenset({"weight"}),
         )  # fmt: skip
+        if self.settings.keep_geometry:
+            encoded |= encode_pieces(pieces, self.vertex_bits, self.settings.lz4, filters=fast)
         low, high = tight_bounds(block.morton)
         self.pile.add(key, level, block.count, low, high, children, encoded)
         self.blocks += 1

@@ -33,7 +33,9 @@ def work(job: Job, unit: Unit) -> None:
     settings = job.voxelizing
     with Scratch(job) as scratch:
         scene = Scene.from_json(scratch.read(f"{MERGED}/{SCENE}"))
-        columns = pipeline_columns(scene.colours, settings.normal_bits, scene.weighted)
+        header = _header(scene, settings)
+        bits = header.vertex_bits if settings.keep_geometry else 0
+        columns = pipeline_columns(scene.colours, settings.normal_bits, scene.weighted, bits)
         rows, piles = rows_from_bytes(scratch.read(f"{MERGED}/blocks.rows"), columns), []
         piles += json.loads(scratch.read(f"{MERGED}/{PILES}"))
         if settings.lod:
@@ -52,7 +54,7 @@ def work(job: Job, unit: Unit) -> None:
         with publish(job.output, job) as file:
             write_block_file(
                 file,
-                _header(scene, settings),
+                header,
                 rows,
                 fetch,
                 {**scene.metadata, "ledger": dict(scene.counts)},

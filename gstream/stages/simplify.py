@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from gstream.formats.cells import SCENE, Scene
-from gstream.formats.columns import Block, ColumnSpec, Record, decode_column
+from gstream.formats.columns import COLUMN_IDS, Block, ColumnSpec, Record, decode_column
 from gstream.formats.directory import Rows, pile_dtype
 from gstream.formats.pile import PileWriter, read_pile_rows
 from gstream.formats.rows import block_range, names_json, rows_from_bytes
@@ -118,6 +118,8 @@ def _read(
     data = memoryview(scratch.read(name, offset, length))
     arrays = {}
     for column in columns:
+        if column.id not in COLUMN_IDS:
+            continue
         stored = row[column.name]
         fields = ("codec", "filter", "constant", "raw")
         record = Record(*(int(stored[field]) for field in fields))

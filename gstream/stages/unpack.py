@@ -6,6 +6,7 @@ It stands where merge stands when the levels of a finished file are (re)built, u
 from gstream.compiled import compiled
 from gstream.formats.cells import SCENE, Scene
 from gstream.formats.columns import Block
+from gstream.formats.pieces import NO_PIECES
 from gstream.formats.pile import PileWriter, read_pile_rows
 from gstream.formats.rows import names_json
 from gstream.grid import Grid
@@ -36,7 +37,8 @@ def work(job: Job, unit: Unit) -> None:
         ):
             finest = LevelPile(pile, settings, scene, top=0)
             for view in source.blocks(0):
-                finest.write(view.key, 0, _block(view, scene))
+                pieces = view.pieces() if settings.keep_geometry else NO_PIECES
+                finest.write(view.key, 0, _block(view, scene), pieces=pieces)
         rows = read_pile_rows(
             lambda at, n: scratch.read(names[PILE], at, n), scratch.size(names[PILE]), names[PILE]
         )

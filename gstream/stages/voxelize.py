@@ -17,9 +17,11 @@ from gstream.errors import RefusedError
 from gstream.formats.cells import LARGE, SCENE, SEGMENT, SEGMENTS, Scene
 from gstream.formats.columns import Block
 from gstream.formats.lodrule import COLOUR_TABLES, LINEAR_OF_CODE
+from gstream.formats.pieces import Pieces
 from gstream.formats.pile import PileWriter
 from gstream.job import Job, Summary, Unit
-from gstream.kernels.accumulate import HIT
+from gstream.kernels import pieces
+from gstream.kernels.accumulate import AREA, HIT
 from gstream.kernels.lod import finish_voxels
 from gstream.kernels.presort import gather, unpack, within
 from gstream.kernels.select import sum_areas
@@ -27,6 +29,7 @@ from gstream.kernels.voxelize import Box, BoxFullError, Rules, compact
 from gstream.run.publish import Scratch
 from gstream.stages import levels
 from gstream.stages.levels import LevelPile, coarsest_level, job_columns
+from gstream.stages.piece_buffer import PieceBuffer
 
 NAME = "4-voxelize"
 SOURCE = "3-presort"
@@ -35,8 +38,11 @@ UNIT_CELLS = 16
 BATCH_TRIANGLES = 1 << 15  # unpacked at once: 5 MB of corners and channels
 UNIT_BYTES = 64 << 20  # what a unit takes besides the box: batches, one block being encoded
 LEAST_BOX_BYTES = 16 << 20  # a full block of 64^3 voxels with colours
+COUNTS = ("assigned", "unassigned", "fragments", "area_total", "area_pruned", "voxels")
+PIECE_COUNTS = ("pieces", "pieces_left_out")
 
 Array = NDArray[Any]
+Filled = tuple[int, Block, Pieces]  # key, voxels, source triangles where these are kept
 
 
 def plan(job: Job) -> list[Unit]:
@@ -65,9 +71,7 @@ def work(job: Job, unit: Unit) -> None:
     name = f"{NAME}/{unit.name}.gsp"
     with Scratch(job) as scratch:
         scene = _scene(scratch)
-        counts = dict.fromkeys(
-            ("assigned", "unassigned", "fragments", "area_total", "area_pruned", "voxels"), 0
-        )
+        counts = dict.fromkeys(COUNTS + (PIECE_COUNTS if settings.keep_geometry else ()), 0)
         segments = _segments(scratch)[unit.data[0] : unit.data[1]]
         log2_block = settings.block.bit_length() - 1
         top = min(scene.cell_bits - log2_block, coarsest_level(settings, scene))
@@ -76,8 +80,8 @@ def work(job: Job, unit: Unit) -> None:
             above = LevelPile(pile, settings, scene, top)
             for cell in np.unique(segments["cell"]):
                 filling = Filling(job, scene, scratch, segments[segments["cell"] == cell], counts)
-                for key, block in filling.blocks():
-                    above.write(key, 0, block)
+                for key, block, pieces in filling.blocks():
+                    above.write(key, 0, block, pieces=pieces)
             above.close()
         scratch.mark_done(unit, counts, (name,))
 
@@ -96,6 +100,7 @@ def finish(job: Job) -> Summary:
 def warm() -> None:
     """Compile the kernels of this stage."""
     levels.warm()
+    pieces.warm()
     large = [[0, 0, 0], [40000, 100, 100], [100, 40000, 9000]]
     corners = np.array([large, [[0, 0, 0], [4000, 0, 0], [0, 4000, 900]]], np.int64)
     for channels in (0, 4):
@@ -122,7 +127,8 @@ class Filling:
         self.cell = int(segments["cell"][0])
         self.low = compact(np.array([self.cell], np.uint32))[0] << scene.cell_bits
         self.room = np.minimum(scene.grid.resolution - self.low, 1 << scene.cell_bits)
-        self.limit_bytes = max((job.worker_memory - UNIT_BYTES) // 2, LEAST_BOX_BYTES)
+        shares = 4 if self.settings.keep_geometry else 2  # a box takes two of them when it grows
+        self.limit_bytes = max((job.worker_memory - UNIT_BYTES) // shares, LEAST_BOX_BYTES)
         self.rules = Rules(
             scene.grid.snap_bits,
             self.settings.sep,
@@ -133,27 +139,30 @@ class Filling:
         self.single = np.zeros(total, np.bool_)  # triangles that no other cell sees
         self.met = np.zeros(total, np.bool_)
 
-    def blocks(self) -> Iterator[tuple[int, Block]]:
+    def blocks(self) -> Iterator[Filled]:
         """Finished level-0 blocks of the cell in Morton order."""
         yield from self._fill(np.zeros(3, np.int64), 1 << self.scene.cell_bits, self.cell)
         self.counts["assigned"] += int(np.count_nonzero(self.single & self.met))
         self.counts["unassigned"] += int(np.count_nonzero(self.single & ~self.met))
 
-    def _fill(self, low: Array, edge: int, key: int) -> Iterator[tuple[int, Block]]:
+    def _fill(self, low: Array, edge: int, key: int) -> Iterator[Filled]:
         """low : box in the cell, voxels; key : Morton code of the box among boxes of its size."""
         room = np.minimum(self.scene.grid.resolution - (self.low + low), edge)
         if (room <= 0).any():
             return
         box = _box(self.scene.channels)
         box.start(self.rules, edge, (int(room[0]), int(room[1]), int(room[2])), self.limit_bytes)
+        log2_edge, k = self.settings.block.bit_length() - 1, self.rules.snap_bits
+        buffer = PieceBuffer(log2_edge + k, room << k, 2 * self.limit_bytes)
         try:
-            self._add_triangles(box, low)
+            self._add_triangles(box, buffer, low)
         except BoxFullError:
             if edge == self.settings.block:
                 raise RefusedError(
                     f"one block of {edge}^3 voxels does not fit the memory of a worker",
                     "give more --memory, fewer --workers, or a smaller --block",
                 ) from None
+            del buffer
             half = edge // 2
             for octant in range(8):
                 corner = np.array([octant & 1, octant >> 1 & 1, octant >> 2], np.int64) * half
@@ -165,14 +174,21 @@ class Filling:
         self.counts["fragments"] += box.fragments
         parts = (edge // self.settings.block) ** 3
         filled = (box.tile_slots.reshape(parts, -1) >= 0).any(axis=1)
+        cut = buffer.by_block()
         for part in np.flatnonzero(filled).tolist():
-            block = self._block(box, part, parts)
+            here = cut.take(part)
+            block = self._block(box, part, parts, len(here.triangles) > 0)
             if block is not None:
-                yield key * parts + part, block
+                yield key * parts + part, block, here
+        if self.settings.keep_geometry:
+            self.counts["pieces"] += len(cut.rows) - cut.left
+            self.counts["pieces_left_out"] += cut.left
 
-    def _add_triangles(self, box: Box, low: Array) -> None:
+    def _add_triangles(self, box: Box, buffer: PieceBuffer, low: Array) -> None:
         at = 0
         for corners, values in self._triangles(low):
+            if self.settings.keep_geometry:
+                buffer.add(corners)
             met = box.add(corners, values)
             self.met[at : at + len(corners)] |= met
             at += len(corners)
@@ -213,8 +229,12 @@ class Filling:
         k, closed = self.rules.snap_bits, self.rules.closed
         within(corners, k, closed, low << k, self.room, self.single[at:])
 
-    def _block(self, box: Box, part: int, parts: int) -> Block | None:
+    def _block(self, box: Box, part: int, parts: int, has_pieces: bool) -> Block | None:
         rows, codes = box.collect(part, parts, HIT)
+        if not len(rows) and has_pieces:
+            # Without an entry the surface would have a hole where a renderer draws its triangles.
+            rows, codes = box.collect(part, parts)
+            self.counts["area_pruned"] -= int(box.sums[rows, AREA].sum())
         if not len(rows):
             return None
         self.counts["voxels"] += len(rows)

@@ -1,6 +1,6 @@
 # ruff: noqa
 # fmt: off
-# made from spec/blockfile.ksy, SHA-256 cc89bce06f26b1304faf2b9b463958a1672dc2891bd2ddc5c3c3f7b3874f0705
+# made from spec/blockfile.ksy, SHA-256 909c9968c2e107d86c3815998700703e966fb3019fd7ea7ebfa537fe68f95e7a
 # This is a generated file! Please edit source .ksy file and use kaitai-struct-compiler to rebuild
 # type: ignore
 
@@ -32,6 +32,8 @@ class GstreamBlockfile(KaitaiStruct):
         weight = 5
         label = 6
         spread = 7
+        vertex = 32
+        triangle = 33
 
     class Faces(IntEnum):
         front = 0

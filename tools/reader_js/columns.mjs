@@ -10,11 +10,25 @@ const LZ4 = 1;
 const CONSTANT = 2;
 const MAX_RAW = 64 * 2 ** 20;
 
+export const VERTEX = 32; // ids of the columns of source triangles
+export const TRIANGLE = 33;
+
 /**
  * @typedef {import('./head.mjs').Column} Column
  * @typedef {import('./directory.mjs').ColumnRecord} ColumnRecord
  * @typedef {Uint8Array | Uint16Array | Uint32Array} Values
  */
+
+/**
+ * Items of a column: one per voxel, but of source triangles and their vertices as many as are stored.
+ * @param {Column} column
+ * @param {ColumnRecord} record
+ * @param {number} count of voxels
+ */
+export function itemsOf({ id, components, itemBytes }, { codec, raw }, count) {
+  if (id < VERTEX) return count;
+  return codec === CONSTANT ? 0 : Math.floor(raw / (components * itemBytes));
+}
 
 /**
  * Refuse a column whose record cannot be decoded, before a byte of it is fetched.
@@ -38,21 +52,23 @@ export function checkRecord(column, record, count, blockLog2) {
   if (!lawful || (tree && codec === CONSTANT)) {
     refuse('GSB-0404', `may not have filter ${filter} with codec ${codec}`);
   }
+  const items = itemsOf(column, record, count);
   // A node of the octree has a voxel below it, on each of the levels.
   const fits = tree
     ? raw >= blockLog2 && raw <= blockLog2 * count
-    : raw === count * components * itemBytes;
+    : raw === (items * components * itemBytes || (codec === CONSTANT ? 1 : -1));
   if (!fits) refuse('GSB-0402', `of ${count} voxels states ${raw} raw bytes`);
+  if (items === 0 && constant !== 0) refuse('GSB-0403', `has no items and the constant ${constant}`);
   if (codec === CONSTANT) {
     const packed = 8 * itemBytes * components;
-    const items = constantItems(column, constant);
-    if ((packed < 32 && constant >= 2 ** packed) || items.some((item) => item >= 2 ** bits)) {
+    const value = constantItems(column, constant);
+    if ((packed < 32 && constant >= 2 ** packed) || value.some((item) => item >= 2 ** bits)) {
       refuse('GSB-0403', `has the constant ${constant}, which is out of range`);
     }
     if (stored !== 0) refuse('GSB-0403', 'is constant and has stored bytes');
     return 0;
   }
-  const length = tree ? raw : filteredBytes(filter, count, column);
+  const length = tree ? raw : filteredBytes(filter, items, column);
   const most = codec === RAW ? stored : 255 * stored + 64;
   if (length > MAX_RAW || length > most || (codec === RAW && length !== stored)) {
     refuse('GSB-0401', `cannot have ${length} bytes out of ${stored} stored ones`);
@@ -68,7 +84,7 @@ function constantItems({ components, itemBytes }, constant) {
 }
 
 /**
- * The values of a column, the components of a voxel side by side; of occupancy, the local Morton codes.
+ * The values of a column, the components of an item side by side; of occupancy, the local Morton codes.
  * @param {Column} column
  * @param {ColumnRecord} record
  * @param {Uint8Array} stored whose CRC the caller has checked
@@ -82,7 +98,8 @@ export function decodeColumn(column, record, stored, count, blockLog2) {
     throw new CorruptFileError(rule, offset, `column ${column.name}: ${said}`);
   };
   const length = checkRecord(column, record, count, blockLog2);
-  if (codec === CONSTANT) return repeated(column, constantItems(column, constant), count);
+  const items = itemsOf(column, record, count);
+  if (codec === CONSTANT) return repeated(column, constantItems(column, constant), items);
   const data = codec === LZ4 ? unpackLz4(stored, length) : stored;
   if (data === null || data.length !== length) {
     refuse('GSB-0401', `the stored bytes do not unpack to ${length}`);
@@ -95,10 +112,10 @@ export function decodeColumn(column, record, stored, count, blockLog2) {
     }
     return expandOctree(data, levels);
   }
-  if (filter >= 2 && hasPadding(data, count)) {
-    refuse('GSB-0406', 'bits behind the last voxel of a bit plane are set');
+  if (filter >= 2 && hasPadding(data, items)) {
+    refuse('GSB-0406', 'bits behind the last value of a bit plane are set');
   }
-  const values = undoFilter(filter, data, count, column);
+  const values = undoFilter(filter, data, items, column);
   if (filter < 2 && column.bits < 8 * column.itemBytes) {
     if (values.some((value) => value >> column.bits)) {
       refuse('GSB-0405', `a value has more than ${column.bits} bits`);
@@ -112,4 +129,15 @@ function repeated({ components, itemBytes }, items, count) {
   if (components === 1) return values.fill(items[0]);
   for (let i = 0; i < values.length; i++) values[i] = items[i % components];
   return values;
+}
+
+/**
+ * Refuse triangles that have a vertex which is not there.
+ * @param {Uint32Array} triangles
+ * @param {number} vertices
+ */
+export function checkNumbers(triangles, vertices) {
+  if (triangles.some((vertex) => vertex >= vertices)) {
+    throw new CorruptFileError('GSB-0413', 0, `a triangle has a vertex beyond the ${vertices}`);
+  }
 }

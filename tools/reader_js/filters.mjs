@@ -46,9 +46,11 @@ export function hasPadding(planes, count) {
 export function undoFilter(filter, data, count, column) {
   const { components, itemBytes, bits } = column;
   const groups = (count + 7) >> 3;
-  const width = filter >= BIT_PLANES ? Math.ceil(bits / 8) : itemBytes;
+  const width = filter < BIT_PLANES || bits > 16 ? itemBytes : Math.ceil(bits / 8);
   const bytes = filter >= BIT_PLANES ? new Uint8Array(8 * groups * width) : data;
-  const packed = new Int32Array(count); // columns of several components have 32 bits per voxel
+  // Voxel columns of several components have 32 bits per voxel; vertices and triangles have more.
+  const isWide = components * itemBytes > 4;
+  const packed = new Int32Array(isWide ? components * count : count);
   const values = components === 1 ? packed : new Int32Array(count);
   for (let c = 0; c < components; c++) {
     if (filter >= BIT_PLANES) {
@@ -60,10 +62,11 @@ export function undoFilter(filter, data, count, column) {
     }
     if (filter === DELTA || filter === GREEN_DELTA) sumDeltas(values, bits);
     if (filter === XOR) xorAll(values);
-    if (components > 1) pack(values, packed, 8 * itemBytes * c);
+    if (isWide) spread(values, packed, components, c);
+    else if (components > 1) pack(values, packed, 8 * itemBytes * c);
   }
   if (filter === GREEN_DELTA) addGreen(packed);
-  return new ARRAYS[itemBytes](components * itemBytes === 4 ? packed.buffer : packed);
+  return new ARRAYS[itemBytes](components * itemBytes < 4 ? packed : packed.buffer);
 }
 
 /**
@@ -133,6 +136,11 @@ function xorAll(values) {
     value ^= values[i];
     values[i] = value;
   }
+}
+
+function spread(values, packed, step, first) {
+  const { length } = values;
+  for (let i = 0, to = first; i < length; i++, to += step) packed[to] = values[i];
 }
 
 function pack(values, packed, shift) {

@@ -12,7 +12,7 @@
 
 import { CorruptFileError, UnsupportedError } from './errors.mjs';
 import { LIMIT, fromMorton, toMorton } from './bytes.mjs';
-import { checkRecord, decodeColumn } from './columns.mjs';
+import { checkNumbers, checkRecord, decodeColumn } from './columns.mjs';
 import { crc32 } from './crc.mjs';
 import { DATA, Directory } from './directory.mjs';
 import { MAX_HEAD_BYTES, cut, parseHead } from './head.mjs';
@@ -174,6 +174,19 @@ export class Block {
     const stored = await this.stored(name);
     this.fetched.delete(name);
     return decodeColumn(head.columns[index], record, stored, this.count, head.blockLog2);
+  }
+
+  /**
+   * The source triangles in the block, cut at its borders; none above level 0.
+   * @returns {Promise<{vertices: Uint32Array, triangles: Uint32Array}>} vertices: x, y, z of each, snap
+   *   units from the block's low corner; triangles: three numbers of vertices each
+   */
+  async pieces() {
+    await loadColumns([this], ['vertex', 'triangle']);
+    const vertices = await this.column('vertex');
+    const triangles = await this.column('triangle');
+    checkNumbers(triangles, vertices.length / 3);
+    return { vertices, triangles };
   }
 
   /** x, y, z of each voxel within its level. */

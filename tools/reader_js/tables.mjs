@@ -19,7 +19,7 @@ const MAX_PAGE_ROWS = 1400;
 const MAX_META_BYTES = 12288;
 const INSIDE = ['LEVL', 'COLM', 'PAGE', 'META'];
 
-/** id: [name, components, bits, bytes of an item in the raw column]; normals take the head's bits. */
+/** id: [name, components, bits, bytes of an item in the raw column]; other bits follow from the head. */
 const COLUMNS = {
   1: ['occupancy', 1, 8, 1],
   2: ['mask', 1, 6, 1],
@@ -28,6 +28,8 @@ const COLUMNS = {
   5: ['weight', 1, 32, 4],
   6: ['label', 1, 32, 4],
   7: ['spread', 1, 8, 1],
+  32: ['vertex', 3, undefined, 4],
+  33: ['triangle', 3, 32, 4],
 };
 
 /** The bodies of the four sections in the head, by type, and the rows of those behind the body. */
@@ -78,6 +80,7 @@ export function parseColumns({ at, bytes }, count, head) {
   };
   if (count < 1 || count > 16 || bytes.length !== count * ROW_BYTES) refuse('no table of columns');
   const view = viewOf(bytes);
+  const bitsOf = { 3: head.normalBits, 32: head.blockLog2 + head.snapBits + 1 };
   const columns = Array.from({ length: count }, (_, i) => {
     const row = i * ROW_BYTES;
     if (!zeros(bytes, row + 4, row + 8)) refuse('reserved bytes of a column are not zero');
@@ -89,7 +92,7 @@ export function parseColumns({ at, bytes }, count, head) {
     };
     const known = COLUMNS[column.id];
     if (known) {
-      const bits = known[2] ?? head.normalBits;
+      const bits = known[2] ?? bitsOf[column.id];
       const same = column.name === known[0] && column.components === known[1];
       if (!same || column.bits !== bits) refuse(`column ${column.id} has another name or shape`);
     }

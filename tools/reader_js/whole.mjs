@@ -3,6 +3,7 @@
  * Not here: levels of detail recomputed, ledger, content id, which only a validator looks at.
  */
 
+import { TRIANGLE, VERTEX, checkNumbers, itemsOf } from './columns.mjs';
 import { CorruptFileError, UnsupportedError } from './errors.mjs';
 import { crc32 } from './crc.mjs';
 import { compare } from './directory.mjs';
@@ -170,7 +171,10 @@ async function checkFamilies(file, level) {
 }
 
 async function readBlock(block, visit) {
-  for (const { name, bits } of block.file.head.columns) {
+  const { columns } = block.file.head;
+  const at = columns.findIndex(({ id }) => id === VERTEX);
+  const vertices = at < 0 ? 0 : itemsOf(columns[at], block.entry.records[at], block.count);
+  for (const { id, name, bits } of columns) {
     await block.stored(name);
     const values = await columnOrNull(block, name);
     if (values === null) {
@@ -178,6 +182,7 @@ async function readBlock(block, visit) {
       continue;
     }
     if (name === 'occupancy') checkPlaces(block, values);
+    if (id === TRIANGLE) checkNumbers(values, vertices);
     if (!isMeaningful(name, values, bits)) {
       const said = `column ${name} of block ${block.entry.key} has a value without meaning`;
       throw new CorruptFileError('GSB-0410', 0, said);

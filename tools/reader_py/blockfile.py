@@ -10,10 +10,10 @@ from zlib import crc32
 
 import numpy as np
 
-from .columns import Record, Values, constant_values, decode, filtered_bytes
+from .columns import Record, Values, constant_values, decode, filtered_bytes, items_of
 from .directory import CONSTANT, Directory, Rows
 from .errors import UnsupportedError
-from .head import MAX_HEAD_BYTES, Column, need, parse_head
+from .head import MAX_HEAD_BYTES, TRIANGLE, Column, need, parse_head
 from .source import Source
 
 MAX_GAP = 64 << 10  # ranges closer than this are one request
@@ -30,7 +30,7 @@ class Piece(NamedTuple):
     column: Column
     record: Record
     length: int  # of the column before its codec
-    voxels: int
+    items: int
     where: str  # for errors
 
 
@@ -121,12 +121,13 @@ class BlockFile:
         constant_values(column, record, f"column {name!r} of block {entry['key']}")
         return record.constant
 
-    def load(self, entries: Iterable[np.void], names: Sequence[str]) -> list[dict[str, Values]]:
+    def load(self, entries: Sequence[np.void], names: Sequence[str]) -> list[dict[str, Values]]:
         """Columns of some blocks, of any pages: close ranges are fetched with one request.
 
         returns: of each entry in order, values by name: `normal` (n, 2) u16 codes, `colour` (n, 4)
-            u8, others (n,). For `occupancy` stands `words` (n,) u32: x | y << 8 | z << 16 within
-            the block, and the face mask in bits 24 to 29 when `mask` is asked for too
+            u8, `vertex` (v, 3) u32 snap units from the block's low corner, `triangle` (t, 3) u32
+            rows of it, others (n,). For `occupancy` stands `words` (n,) u32: x | y << 8 | z << 16
+            within the block, and the face mask in bits 24 to 29 when `mask` is asked for too
         """
         columns = [self._column(name) for name in names]
         loaded: list[dict[str, Values]] = []
@@ -140,6 +141,9 @@ class BlockFile:
         for piece, stored in self.stored(pieces):
             _, _, number, column, record, length, count, where = piece
             values = decode(column, record, stored, length, count, self.block_log2, where)
+            if column.id == TRIANGLE and count:
+                known = entries[number][self._column("vertex").field]["raw"] // 12
+                need(int(values.max()) < known, "GSB-0413", f"has {known} vertices", where)
             loaded[number][column.name] = values
         for found in loaded:
             if "occupancy" in found:
@@ -171,9 +175,10 @@ class BlockFile:
         for column in columns:
             where = f"column {column.name!r} of block {key} of level {level}"
             record = Record(*entry[column.field].item()[:-1])
-            length = filtered_bytes(column, record, count, self.block_log2, where)
+            items = items_of(column, record, count)
+            length = filtered_bytes(column, record, items, self.block_log2, where)
             end = record.offset + record.stored
-            yield Piece(record.offset, end, number, column, record, length, count, where)
+            yield Piece(record.offset, end, number, column, record, length, items, where)
 
 
 def _nothing(column: Column) -> Values:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .directory import CONSTANT, RAW
 from .errors import CorruptFileError, UnsupportedError
-from .head import Column, need
+from .head import TRIANGLE, VERTEX, Column, need
 
 Values = NDArray[Any]
 NONE, BYTE_PLANES, BIT_PLANES, DELTA, XOR, GREEN_DELTA = range(6)  # filters
@@ -30,9 +30,17 @@ class Record(NamedTuple):
     filter: int
 
 
+def items_of(column: Column, record: Record, voxels: int) -> int:
+    """Items of a column: one per voxel; of source triangles and their vertices, what is stored."""
+    if column.id not in (VERTEX, TRIANGLE):
+        return voxels
+    return 0 if record.codec == CONSTANT else record.raw // 12
+
+
 def filtered_bytes(column: Column, record: Record, count: int, log2: int, where: str) -> int:
     """Length of the column before its codec; 0 for a constant. Nothing is fetched before this.
 
+    count : what items_of gave
     errors : CorruptFileError; UnsupportedError for a kind, codec or filter that is not known
     """
     if not column.item_bytes or record.codec > CONSTANT or record.filter > GREEN_DELTA:
@@ -41,11 +49,12 @@ def filtered_bytes(column: Column, record: Record, count: int, log2: int, where:
     lawful = record.filter == NONE or not (tree or constant)
     lawful &= record.filter != GREEN_DELTA or column.components == 4
     need(lawful and not (tree and constant), "GSB-0404", "has a filter it may not have", where)
-    item = column.components * column.item_bytes
-    fits = log2 <= record.raw <= log2 * count if tree else record.raw == count * item
-    need(fits, "GSB-0402", f"states {record.raw} raw bytes of {count} voxels", where)
+    raw = count * column.components * column.item_bytes or constant  # 1 stands for no items
+    fits = log2 <= record.raw <= log2 * count if tree else record.raw == raw
+    need(fits, "GSB-0402", f"states {record.raw} raw bytes of {count} items", where)
     if constant:
-        constant_values(column, record, where)
+        values = constant_values(column, record, where)
+        need(count > 0 or not any(values), "GSB-0403", "has no items and a constant", where)
         return 0
     planes = column.components * column.bits * -(-count // 8)
     length = record.raw if record.filter < BIT_PLANES else planes

@@ -29,7 +29,8 @@ SECTION = Struct("<4sIQQI4x")
 LEVEL = Struct("<QQQB7x")
 COLUMN = Struct("<HBB4x24s")
 INSIDE = (b"LEVL", b"COLM", b"PAGE", b"META")
-SHAPES = {  # name, components, bits (0: the head's normal_bits), bytes of an item
+VERTEX, TRIANGLE = 32, 33  # columns of source triangles
+SHAPES = {  # name, components, bits (0: as the head has it), bytes of an item
     1: ("occupancy", 1, 8, 1),
     2: ("mask", 1, 6, 1),
     3: ("normal", 2, 0, 2),
@@ -37,6 +38,8 @@ SHAPES = {  # name, components, bits (0: the head's normal_bits), bytes of an it
     5: ("weight", 1, 32, 4),
     6: ("label", 1, 32, 4),
     7: ("spread", 1, 8, 1),
+    VERTEX: ("vertex", 3, 0, 4),
+    TRIANGLE: ("triangle", 3, 32, 4),
 }
 
 
@@ -126,7 +129,8 @@ def parse_head(data: bytes) -> Head:
     return Head(
         head_bytes, file_bytes, content_id, resolution, levels, log2, separability, codes[1],
         normal_bits, matrix, box, blocks, opening_bytes, pages, depth,
-        _columns(bodies[1], column_rows, normal_bits), level_blocks, level_voxels,
+        _columns(bodies[1], column_rows, {3: normal_bits, VERTEX: log2 + snap_bits + 1}),
+        level_blocks, level_voxels,
         bodies[2], _metadata(bodies[3]), body_end, stated + crc32(stated).to_bytes(4, "little"),
     )  # fmt: skip
 
@@ -157,7 +161,8 @@ def _sections(data: bytes, rows: int, head_bytes: int, file_bytes: int) -> tuple
     return bodies, body_end
 
 
-def _columns(table: bytes, count: int, normal_bits: int) -> tuple[Column, ...]:
+def _columns(table: bytes, count: int, widths: dict[int, int]) -> tuple[Column, ...]:
+    """widths : bits of a component, of the columns that take them from the head."""
     need(1 <= count <= 16 and len(table) == count * COLUMN.size, "GSB-0204", f"{count} columns")
     columns = []
     for id_, components, bits, padded in COLUMN.iter_unpack(table):
@@ -166,7 +171,7 @@ def _columns(table: bytes, count: int, normal_bits: int) -> tuple[Column, ...]:
         except UnicodeDecodeError:
             raise CorruptFileError("GSB-0204", f"name of column {id_}: no UTF-8", "head") from None
         known, parts, width, item_bytes = SHAPES.get(id_, (name, components, bits, 0))
-        same = (name, components, bits) == (known, parts, width or normal_bits)
+        same = (name, components, bits) == (known, parts, width or widths.get(id_, bits))
         need(same or not item_bytes, "GSB-0204", f"column {id_} has another name or shape")
         columns.append(Column(id_, name, components, bits, item_bytes))
     ids, names = [column.id for column in columns], {column.name for column in columns}

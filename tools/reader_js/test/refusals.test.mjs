@@ -8,8 +8,8 @@ import { crc32 } from '../crc.mjs';
 import { readWhole } from '../whole.mjs';
 import { vector, vectors } from './vectors.mjs';
 
-/** Rules that only a validator looks at: levels recomputed, content id, ledger; and the two notes. */
-const NOT_OURS = /^GSB-(0412|050[3-9]|060[1-3])/;
+/** Rules for validators alone: levels recomputed, content id, ledger, source triangles; two notes. */
+const NOT_OURS = /^GSB-(0412|0414|050[3-9]|060[1-4])/;
 
 async function verdict(data) {
   try {
