@@ -65,7 +65,7 @@ class Session:
         file = BlockFile(open_source(place or _named(scene)))
         try:
             file.load_opening()
-            camera = _camera(scene or scene_of({}), file, aspect, wishes.camera)
+            camera = _camera(scene or scene_of({}, file.source.name), file, aspect, wishes.camera)
             scene = scene or default_scene(file, camera, default_samples)
             scene = _overridden(scene, wishes)
             facts = facts_of(file)
