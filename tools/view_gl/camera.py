@@ -77,7 +77,7 @@ def fit(
     corners = box[[[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], [0, 1, 2]] - centre
     slope = tan(radians(fov) / 2)
     needed = np.maximum(np.abs(corners @ right) / aspect, np.abs(corners @ above)) / slope
-    distance = float((needed + corners @ back).max()) * FIT_MARGIN
+    distance = float((FIT_MARGIN * needed + corners @ back).max())
     return replace(camera, position=_point(centre + back * (distance or 1.0)))
 
 
