@@ -6,6 +6,7 @@ white noise.
 """
 
 from collections.abc import Iterator
+from math import sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -30,6 +31,9 @@ COLOUR_BYTES: Final = 2.2  # of a photograph; a block of one colour stores none
 PILES: Final = (
     1.07  # of the file's bytes: the same payloads with their rows, and weights for levels
 )
+# Source triangles: bytes of each piece (5.5 to 6.5 on four scans and CAD, 9 where they are larger
+# than 5 voxels), and pieces more than triangles, in sqrt(faces * triangles) / block (8 to 10).
+PIECE_BYTES, PIECES_AT_BORDERS = 6.5, 10.0
 INDEX_BYTES, VERTEX_BYTES, CORNER_BYTES, WORD_BYTES = 6, 8, 36, 12  # formats/cells.py
 CELL_BORDERS: Final = 1.04  # vertices that several segments of one unit have
 
@@ -68,8 +72,12 @@ def disk_of_stream(path: str, settings: VoxelizeSettings) -> DiskNeed:
     presorted += large * (CORNER_BYTES + words)
     per_voxel = FILE_BYTES[settings.sep] + COLOUR_BYTES * varied / max(triangles, 1)
     rough, even = faces * share * per_voxel, flat * share * FLAT_BYTES[settings.sep]
-    scratch = presorted * share + PILES * rough + FLAT_PILES * even
-    return DiskNeed(scratch=int(scratch), output=int(rough + even))
+    kept = 0.0
+    if settings.keep_geometry:
+        at_borders = PIECES_AT_BORDERS * sqrt((faces + flat) * share * total) / settings.block
+        kept = PIECE_BYTES * (total + at_borders)
+    scratch = presorted * share + PILES * (rough + kept) + FLAT_PILES * even
+    return DiskNeed(scratch=int(scratch), output=int(rough + kept + even))
 
 
 def _sample(reader: StreamReader) -> Iterator[Chunk]:

@@ -13,7 +13,7 @@ from gstream.formats.pieces import MOST_ITEMS, NO_PIECES, Pieces
 from gstream.kernels.pieces import ROW, Rows, cut_at_borders, indexed
 from gstream.kernels.voxelize import BoxFullError
 
-PIECE_BYTES = 260  # measured: 40 in a row, twice while sorted by block, and what indexing takes
+PIECE_BYTES = 260  # measured: 217 where all are in one block, 102 where many blocks share them
 
 
 class PieceBuffer:

@@ -44,6 +44,7 @@ def voxelized(stream, folder, settings):
     ("name", "settings"),
     [
         ("rough", VoxelizeSettings(resolution=160)),  # 0.8 voxels a triangle
+        ("rough", VoxelizeSettings(resolution=160, keep_geometry=True)),
         ("rough", VoxelizeSettings(resolution=512, sep="26")),
         ("coloured", VoxelizeSettings(resolution=512)),
         ("triangle", VoxelizeSettings(resolution=2048)),
