@@ -88,8 +88,7 @@ class Renderer:
     def tint(self, tint: bool) -> None:
         """Colour by level, or as the scene says."""
         defines = dict(self.resolution.defines) | ({"TINT": 1} if tint else {})
-        log2, bits = self.file.block_log2, self.file.normal_bits
-        self.painter = Painter(self._context, self.voxels, defines, self._columns, log2, bits)
+        self.painter = Painter(self._context, self.voxels, defines, self._columns, self.file)
         self._last = ()
 
     def resize(self, size: tuple[int, int], samples: int = 0) -> None:
@@ -174,8 +173,9 @@ class Renderer:
         return self.target.pixels()
 
     def close(self) -> None:
-        """End the reading thread."""
+        """End the reading thread and close the file."""
         self.loader.close()
+        self.file.source.close()
 
     def _read_roots(self) -> None:
         for page in range(self.file.pages):

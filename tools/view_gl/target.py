@@ -61,10 +61,12 @@ class Target:
     def lock_depth(self, locked: bool) -> None:
         """Let depths be tested but not written."""
         self._plain.depth_mask = not locked
+        self._plain.use()  # masks are set when a framebuffer is bound
 
     def lock_colour(self, locked: bool) -> None:
         """Let colours be as they are."""
         self._plain.color_mask = (not locked,) * 4
+        self._plain.use()
 
     def resolve(self) -> None:
         """Average the samples of each pixel."""

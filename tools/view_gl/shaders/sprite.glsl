@@ -13,8 +13,11 @@ void place_sprite(ivec3 low, int edge, bool seen)
         gl_PointSize = 1.0;
         return;
     }
+    // A point whose middle is not in the viewport is not drawn at all: its part in it has its own.
     vec2 at = middle.xy / middle.w;
-    vec2 side = (reach.xy + abs(at) * reach.w) / nearest * viewport;
-    gl_Position = vec4(at, 0.0, 1.0);
-    gl_PointSize = max(side.x, side.y) + 1.0;
+    vec2 side = (reach.xy + abs(at) * reach.w) / nearest;
+    vec2 low_end = max(at - side, -1.0), high_end = min(at + side, 1.0);
+    vec2 size = max(high_end - low_end, 0.0) * viewport / 2.0;
+    gl_Position = vec4((low_end + high_end) / 2.0, 0.0, 1.0);
+    gl_PointSize = max(size.x, size.y) + 1.0;
 }

@@ -13,6 +13,7 @@ in uvec2 draw;          // slot of its flag; 1 = a probe: all faces, as what it 
 
 uniform int last;       // greatest coordinate in a block
 uniform int normal_bits;
+uniform bool whole;     // a voxel of which any face is seen shows all that are turned to the eye
 uniform vec3 plain;     // colour of what has none
 #ifdef TINT
 uniform vec3 tints[6];  // by level
@@ -28,7 +29,7 @@ out Voxel {
 
 #ifdef LIT
 // The unit vector of two octahedral codes (spec/blockfile.md 8.3), 0 where there is no direction.
-vec3 direction(uint codes)
+vec3 unit_normal(uint codes)
 {
     ivec2 code = ivec2(codes & 0xffffu, codes >> 16);
     int half_range = (1 << normal_bits - 1) - 1;
@@ -44,14 +45,16 @@ void main()
 {
     ivec3 local = ivec3(voxel & 255u, voxel >> 8 & 255u, voxel >> 16 & 255u);
     uint mask = voxel >> 24 & 63u;
-#ifdef SKIRTS
-    // Faces on the block's border are closed: a neighbour of another level may not reach them.
-    mask |= uint(local.x == 0) | uint(local.x == last) << 1 | uint(local.y == 0) << 2
-        | uint(local.y == last) << 3 | uint(local.z == 0) << 4 | uint(local.z == last) << 5;
-#endif
     made.edge = 1 << block.w;
     made.low = block.xyz + (local << block.w);
-    made.faces = (draw.y == 1u ? 63u : mask) & facing(made.low, made.edge);
+    uint turned = facing(made.low, made.edge);
+    bool all_turned = draw.y == 1u || whole && (mask & turned) != 0u;
+    made.faces = all_turned ? turned : mask & turned;
+#ifdef SKIRTS
+    // Faces on the block's border are closed: a neighbour of another level may not reach them.
+    made.faces |= turned & (uint(local.x == 0) | uint(local.x == last) << 1 | uint(local.y == 0) << 2
+        | uint(local.y == last) << 3 | uint(local.z == 0) << 4 | uint(local.z == last) << 5);
+#endif
 #ifdef STENCIL
     if (cut_out(made.low, made.edge)) made.faces = 0u;
 #endif
@@ -68,11 +71,11 @@ void main()
 #ifdef TINT
     surface = tints[block.w % 6];
 #endif
-    vec3 turned = vec3(0.0);
+    vec3 direction = vec3(0.0);
 #ifdef LIT
-    turned = direction(normal);
+    direction = unit_normal(normal);
 #endif
     vec3 centre = vec3(made.low) + 0.5 * float(made.edge);
-    made.colour = encoded(shaded(decoded(surface), turned, centre, float(made.edge)));
+    made.colour = encoded(shaded(decoded(surface), direction, centre, float(made.edge)));
 #endif
 }
