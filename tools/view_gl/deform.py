@@ -49,9 +49,9 @@ class Deformation:
 
     def boxes(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
         """Boxes (n, 3) around what was in boxes."""
-        whole = np.eye(3) + self.shear
-        centre = self.pivot + ((low + high) / 2 - self.pivot) @ whole.T
-        half = (high - low) / 2 @ np.abs(whole).T + np.abs(self.wave)
+        centre = (low + high) / 2
+        half = (high - low) / 2 @ np.abs(np.eye(3) + self.shear).T + np.abs(self.wave)
+        centre = centre + (centre - self.pivot) @ self.shear.T  # exact where there is no shear
         return centre - half, centre + half
 
     @property

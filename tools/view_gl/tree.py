@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..reader_py import BlockFile
+from ..reader_py import BlockFile, CorruptFileError
 
 Floats = NDArray[np.float64]
 Nodes = NDArray[np.int64]  # rows
@@ -76,7 +76,10 @@ class Tree:
             setattr(self, name, np.concatenate((getattr(self, name), values)))
 
     def link(self, nodes: Nodes) -> set[int]:
-        """Find the children of nodes that have some; returns the pages that this lacks."""
+        """Find the children of nodes that have some; returns the pages that this lacks.
+
+        errors : CorruptFileError where a child mask does not name exactly the children there are
+        """
         lacking = set()
         for node in nodes[(self.first_child[nodes] == UNREAD) & (self.children[nodes] > 0)]:
             level, key = int(self.level[node]) - 1, int(self.key[node]) << 3
@@ -92,6 +95,12 @@ class Tree:
             start = base + int(np.searchsorted(-here, -level, "left"))
             stop = base + int(np.searchsorted(-here, -level, "right"))
             first = start + int(np.searchsorted(self.key[start:stop], key, "left"))
+            last = start + int(np.searchsorted(self.key[start:stop], key | 7, "right"))
+            mask = np.atleast_1d(self.entries[node]["children"])
+            named = key + np.flatnonzero(np.unpackbits(mask, bitorder="little"))
+            if not np.array_equal(self.key[first:last], named):
+                where = f"block {key >> 3} of level {level + 1}"
+                raise CorruptFileError("GSB-0306", "its mask names other children", where)
             self.first_child[node] = first
             self.parent[first : first + int(self.children[node])] = node
         return lacking
