@@ -150,14 +150,14 @@ def test_a_shifted_object_stays_below_the_pointer(viewer, shift):
     window.drag(1 if shift else 3, (100, 100), (130, 85))
     if shift:
         window.do("keyup", "shift")
-    np.testing.assert_allclose(centre(window.picture()) - before, (30, -15), atol=3)
+    # What is nearer than the target moves by more, and weighs more.
+    np.testing.assert_allclose(centre(window.picture()) - before, (30, -15), rtol=0.15)
 
 
 def test_flying_forwards_goes_on_while_the_key_is_down(viewer):
     window = viewer("--pixel-error", "3")
     before = covered(window.picture()).sum()
     window.do("keydown", "w")
-    window.until(lambda: window.cpu_seconds() > 0, "a start")
     time.sleep(1)
     window.do("keyup", "w")
     first = covered(window.picture())
@@ -209,13 +209,12 @@ def test_f12_writes_what_the_window_shows_without_the_keys_over_it(viewer, tmp_p
 
 def test_a_resized_window_is_filled(viewer):
     window = viewer("--pixel-error", "3")
-    window.picture()
+    before = window.picture()
     window.do("windowsize", "--sync", window.window, 500, 400)
     window.do("key", "f")
     picture = window.picture((500, 400))
     assert (picture[[0, 0, -1, -1], [0, -1, 0, -1]] == BACKGROUND).all()
-    rows = np.flatnonzero(covered(picture).any(axis=1))
-    assert np.ptp(rows) > SIZE[1]
+    assert covered(picture).sum() > 2 * covered(before).sum()
     np.testing.assert_allclose(centre(picture), (250, 200), atol=25)
 
 
