@@ -18,6 +18,7 @@ PAGES = [
     ROOT / "README.md",
     ROOT / "tools" / "reader_js" / "README.md",
     ROOT / "tools" / "reader_py" / "README.md",
+    ROOT / "tools" / "view_gl" / "README.md",
     *sorted((ROOT / "spec").rglob("*.md")),
 ]
 
