@@ -18,6 +18,8 @@ LEDGER = {  # what `facts` calls it -> what the table calls it, in the table's o
     "assigned": "  assigned to voxels",
     "degenerate": "  degenerate, of all",
     "fragments": "fragments",
+    "pieces": "pieces of source triangles",
+    "pieces_left_out": "  left out",
 }
 
 
