@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from gstream.errors import UsageError
 from gstream.job import IngestSettings, VoxelizeSettings
 from gstream.run import commands
 from gstream.run.commands import Request
@@ -15,6 +16,7 @@ from gstream.run.log import Log
 from gstream.run.paths import check_folder
 from gstream.run.progress import Event, Progress, silent
 from gstream.run.publish import publish
+from gstream.scene import explain
 
 from . import options
 from .progress import watch
@@ -43,6 +45,7 @@ def ingest(inputs: tuple[str, ...], output: str, **values: Any) -> None:
 @click.argument("stream", metavar="SCENE.gst")
 @options.output
 @options.voxelizing
+@options.scene
 @options.lz4
 @options.running
 def voxelize(stream: str, output: str, **values: Any) -> None:
@@ -54,14 +57,15 @@ def voxelize(stream: str, output: str, **values: Any) -> None:
     gstream voxelize scene.gst -o scene.gsb --resolution 4096
     gstream voxelize scene.gst -o scene.gsb --voxel-size 0.01 --sep conservative --memory 1GiB
     """
-    settings = _voxelize(values)
-    run(commands.voxelize(stream, settings, output, options.run_options(values)), values)
+    settings, running = _voxelize(values), options.run_options(values)
+    run(commands.voxelize(stream, settings, output, running, values["scene"]), values)
 
 
 @click.command()
 @options.inputs
 @options.output
 @options.voxelizing
+@options.scene
 @options.ingesting
 @options.lz4
 @options.running
@@ -72,9 +76,12 @@ def build(inputs: tuple[str, ...], output: str, **values: Any) -> None:
     gstream build scan.ply -o scan.gsb --resolution 2048
     gstream build a.obj b.obj -o scene.gsb --voxel-size 0.5 --units mm --workers 4
     """
-    voxels = _voxelize(values)
-    request = commands.build(_ingest(inputs, values), voxels, output, options.run_options(values))
-    run(request, values)
+    meshes, voxels, running = (
+        _ingest(inputs, values),
+        _voxelize(values),
+        options.run_options(values),
+    )
+    run(commands.build(meshes, voxels, output, running, values["scene"]), values)
 
 
 @click.command()
@@ -123,8 +130,12 @@ def _voxelize(values: dict[str, Any]) -> VoxelizeSettings:
 
 def run(request: Request, values: dict[str, Any]) -> None:
     """Run the job or print its plan, then its report: data on stdout, talk on stderr."""
+    if values.get("explain"):
+        if request.called is None:
+            raise UsageError("--explain explains a scene", "give one with --scene FILE")
+        click.echo("\n".join(explain(request.called)))
     if values.get("dry_run"):
-        for line in request.describe():
+        for line in () if values.get("explain") else request.describe():
             click.echo(line)
         return
     if values["report"]:

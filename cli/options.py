@@ -173,6 +173,19 @@ ingesting = stack(
     click.option("--crs", metavar="CODE", help="Coordinate system, kept as metadata (EPSG:…)."),
 )
 
+scene = stack(
+    click.option(
+        "--scene",
+        metavar="FILE",
+        help="Store only the columns and levels that this scene (spec/scene.md) calls for.",
+    ),
+    click.option(
+        "--explain",
+        is_flag=True,
+        help="Print what the scene calls for, and why; with --dry-run nothing else.",
+    ),
+)
+
 voxelizing = stack(
     click.option("--resolution", type=int, help="Voxels along the longest axis, 1 to 65536."),
     click.option("--voxel-size", type=float, help="Edge of a voxel in the scene's units instead."),

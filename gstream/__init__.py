@@ -26,6 +26,7 @@ def build(
     output: str | os.PathLike[str],
     *,
     ingest: Mapping[str, Any] | None = None,
+    scene: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     memory: int = 2 << 30,
     tmp: str | None = None,
@@ -37,9 +38,10 @@ def build(
     """Build the block file `output` from one mesh or several.
 
     ingest : fields of `gstream.job.IngestSettings` beside the inputs
+    scene : a scene file (spec/scene.md); only what it calls for is stored
     voxelize : fields of `gstream.job.VoxelizeSettings`: resolution or voxel_size (one of them is
-        needed), snap_bits, sep, ties, block, lod, keep_weights, keep_geometry, faces, normals,
-        normal_bits, lz4, cell
+        needed), snap_bits, sep, ties, block, lod, keep_weights, keep_geometry, columns, required,
+        faces, normals, normal_bits, lz4, cell
     workers : processes, 0 = this one, None = one per processor
     memory : bytes for all processes together
     tmp : folder for scratch; None = $TMPDIR, else the output's folder
@@ -58,6 +60,7 @@ def build(
         VoxelizeSettings(**voxelize),
         os.fspath(output),
         commands.RunOptions(workers=workers, memory=memory, tmp=tmp, force=force, restart=restart),
+        None if scene is None else os.fspath(scene),
     )
     return request.run(progress)
 

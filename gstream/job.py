@@ -40,11 +40,17 @@ class VoxelizeSettings:
     lod: bool = True
     keep_weights: bool = False
     keep_geometry: bool = False  # the source triangles, with the finest blocks
+    columns: tuple[str, ...] | None = None  # of normal and colour; None = all that the source has
+    required: tuple[str, ...] = ()  # of `columns`: what the source must have
     faces: str = "front"  # front | both
     normals: str = "geometric"  # geometric | input
     normal_bits: int = 11
     lz4: str = "fast"  # fast | hc
     cell: int = 256  # voxels per cell edge; no influence on the bytes
+
+    def stores(self, column: str) -> bool:
+        """Whether the column is wanted, if the source has it."""
+        return self.columns is None or column in self.columns
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gstream.compiled import compiled
 from gstream.errors import UsageError
 from gstream.formats.directory import STATE_DATA
+from gstream.formats.lodrule import unit_vectors
 from gstream.formats.morton import decode_morton
 from gstream.formats.png import png
 from gstream.kernels import shade, splat
@@ -192,15 +193,26 @@ class Scene:
         """One block: low corners, normals in grid axes, sRGB codes or (0, 3); each (n, 3)."""
         block = BlockView(self.file, self.entries[level][row])
         positions = block.positions().astype(np.int64) << level
-        normals = (
-            block.normals()
-            if "normal" in self.file.columns
-            else np.zeros((len(positions), 3), np.float32)
-        )
+        if "normal" in self.file.columns:
+            normals = block.normals()
+        elif "mask" in self.file.columns:
+            normals = MASK_NORMALS[block.mask]
+        else:
+            normals = np.zeros((len(positions), 3), np.float32)
         colours = (
             block.colour[:, :3] if "colour" in self.file.columns else np.empty((0, 3), np.uint8)
         )
         return positions, normals, np.ascontiguousarray(colours)
+
+
+def _mask_normals() -> Samples:
+    """(64, 3): the mean direction of each mask's faces, of length 1, or 0 where they cancel."""
+    bits = np.arange(64)[:, None] >> np.arange(6) & 1
+    sums = (bits[:, 1::2] - bits[:, ::2]).astype(np.float32)
+    return unit_vectors(sums)
+
+
+MASK_NORMALS: Final = _mask_normals()
 
 
 def fit_camera(

@@ -286,5 +286,5 @@ def _list(words: Iterable[object]) -> str:
 
 
 def _determinant(a: Vector, b: Vector, c: Vector) -> float:
-    across = (b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0])
-    return sum(x * y for x, y in zip(a, across, strict=True))
+    x, y = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2]
+    return a[0] * x + a[1] * y + a[2] * (b[0] * c[1] - b[1] * c[0])

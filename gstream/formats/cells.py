@@ -42,12 +42,19 @@ class Scene:
     box: Box  # of all stored vertices, world units
     metadata: Mapping[str, Any]  # of the stream: units, up, crs
     counts: Mapping[str, int]  # ledger so far
-    weighted: bool = True  # voxels carry their area; False only for files that were kept without
+    weighted: bool = True  # voxels carry their area: something is averaged by it, or it is kept
+    normal_column: bool = True  # voxels have normals, wherever these are from
 
     @property
     def cells(self) -> int:
         """Cells along each axis of the grid."""
         return ((self.grid.resolution - 1) >> self.cell_bits) + 1
+
+    @property
+    def columns(self) -> frozenset[str]:
+        """What blocks have while levels are made: the weight too, unless nothing needs it."""
+        held = {"normal": self.normal_column, "colour": self.colours, "weight": self.weighted}
+        return frozenset({"occupancy", "mask", *(name for name, there in held.items() if there)})
 
     @property
     def words(self) -> int:

@@ -5,7 +5,7 @@ A row file is an array of pile rows in ascending (level, key), with the names of
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -15,17 +15,15 @@ from gstream.formats.pieces import piece_specs
 
 
 def pipeline_columns(
-    colours: bool, normal_bits: int, weighted: bool = True, vertex_bits: int = 0
+    names: Collection[str], normal_bits: int, vertex_bits: int = 0
 ) -> tuple[ColumnSpec, ...]:
-    """The columns that piles carry: the weight too, for the levels above, unless there is none.
+    """The columns that piles carry: of these names (Scene.columns), as the spec orders them.
 
     vertex_bits : of source triangles, 0 where these are not kept
     """
-    specs = column_specs(normal_bits)
-    wanted = {"occupancy", "mask", "normal"}
-    wanted |= ({"colour"} if colours else set()) | ({"weight"} if weighted else set())
     pieces = piece_specs(vertex_bits).values() if vertex_bits else ()
-    return (*(spec for name, spec in specs.items() if name in wanted), *pieces)
+    specs = column_specs(normal_bits)
+    return (*(spec for name, spec in specs.items() if name in names), *pieces)
 
 
 def rows_from_bytes(data: bytes, columns: Sequence[ColumnSpec]) -> Rows:

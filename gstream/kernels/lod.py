@@ -150,13 +150,14 @@ def finish_voxels(rows, sums, flags, colours, normals, normal_bits, tables):
     sums, flags : (v, 4 + c) i8, (v,) u1   as `accumulate` left them
     colours, normals : bool   channels 0 to 3 are sums of area * linear u16 (R, G, B) and
         area * alpha; the last 3 are input normal sums
-    normal_bits, tables : int, see above
-    returns: mask (m,) u8, 0 becomes 63; normal (m, 2) u16; colour (m, 4) or (0, 4) u8; weight u32
+    normal_bits, tables : int, 0 without normals; see above
+    returns: mask (m,) u8, 0 becomes 63; normal (m, 2) or (0, 2) u16; colour (m, 4) or (0, 4) u8;
+        weight (m,) u32
     errors : none
     source : spec, "Levels of detail": one weight unit is 2^-20 voxel faces
     """
     out_mask = np.empty(rows.size, np.uint8)
-    out_normal = np.empty(rows.size, np.uint32)
+    out_normal = np.empty(rows.size if normal_bits else 0, np.uint32)
     out_colour = np.empty((rows.size if colours else 0, 4), np.uint8)
     out_weight = np.empty(rows.size, np.uint32)
     first = np.uint64(sums.shape[1] - 3 if normals else VECTOR)
@@ -172,8 +173,9 @@ def finish_voxels(rows, sums, flags, colours, normals, normal_bits, tables):
             faces = flags[row] & FACE_BITS
             mask[i] = faces if faces != 0 else FACE_BITS
             weight[i] = min(max((sums[row, AREA] + 32) >> 6, 1), MAX_WEIGHT)
-        target = out_normal[begin : begin + BATCH]
-        encode_batch(directions[: batch.size], normal_bits, vectors, found, target)
+        if normal_bits:
+            target = out_normal[begin : begin + BATCH]
+            encode_batch(directions[: batch.size], normal_bits, vectors, found, target)
     for i in range(out_colour.shape[0]):
         colour = sums[rows[i], CHANNELS : CHANNELS + 4]
         total = max(sums[rows[i], AREA], 1)

@@ -37,6 +37,8 @@ from gstream.run.progress import (
     silent,
 )
 from gstream.run.publish import is_finished, sync_folder
+from gstream.run.wanted import wanted_of_meshes, wanted_of_stream
+from gstream.scene import Resolution, read_scene
 
 INGEST = ("spill", "ingest")
 VOXELIZE = ("presort", "voxelize", "merge", "simplify", "pack")
@@ -66,6 +68,7 @@ class Request:
     options: RunOptions
     ingest: IngestSettings | None = None
     voxelize: VoxelizeSettings | None = None
+    called: Resolution | None = None  # what the scene calls for, where there is one
 
     @property
     def tmp(self) -> str:
@@ -240,27 +243,45 @@ def ingest(settings: IngestSettings, output: str, options: RunOptions) -> Reques
     return Request(INGEST, settings.inputs, output, options, ingest=settings)
 
 
-def voxelize(stream: str, settings: VoxelizeSettings, output: str, options: RunOptions) -> Request:
-    """`gstream voxelize`: a geometry stream to a block file.
+def voxelize(
+    stream: str,
+    settings: VoxelizeSettings,
+    output: str,
+    options: RunOptions,
+    scene: str | None = None,
+) -> Request:
+    """`gstream voxelize`: a geometry stream to a block file, of what a scene file calls for.
 
-    errors : UsageError for any path or option that cannot work
+    errors : UsageError for any path or option that cannot work; of a scene also InputError,
+        UnsupportedError
     """
     check_voxelize(settings)
-    check_paths((stream,), output, options.tmp, options.force, options.restart)
-    return Request(VOXELIZE, (stream,), output, options, voxelize=settings)
+    read = (stream, scene) if scene else (stream,)
+    check_paths(read, output, options.tmp, options.force, options.restart)
+    called = None
+    if scene:
+        settings, called = wanted_of_stream(read_scene(scene), settings, stream)
+    return Request(VOXELIZE, (stream,), output, options, voxelize=settings, called=called)
 
 
 def build(
-    settings: IngestSettings, voxels: VoxelizeSettings, output: str, options: RunOptions
+    settings: IngestSettings,
+    voxels: VoxelizeSettings,
+    output: str,
+    options: RunOptions,
+    scene: str | None = None,
 ) -> Request:
-    """`gstream build`: meshes to a block file.
+    """`gstream build`: meshes to a block file, of what a scene file calls for.
 
-    errors : UsageError for any path or option that cannot work
+    errors : as of voxelize
     """
     check_voxelize(voxels)
-    check_paths(settings.inputs, output, options.tmp, options.force, options.restart)
-    stages = (*INGEST, *VOXELIZE)
-    return Request(stages, settings.inputs, output, options, ingest=settings, voxelize=voxels)
+    read = (*settings.inputs, scene) if scene else settings.inputs
+    check_paths(read, output, options.tmp, options.force, options.restart)
+    called = None
+    if scene:
+        voxels, called = wanted_of_meshes(read_scene(scene), voxels)
+    return Request((*INGEST, *VOXELIZE), settings.inputs, output, options, settings, voxels, called)
 
 
 def simplify(blockfile: str, output: str, options: RunOptions) -> Request:
@@ -310,13 +331,17 @@ def resume(folder: Path, changes: Mapping[str, Any]) -> Request:
     if ingest:
         bounds = ingest["bounds"] and tuple(ingest["bounds"])
         ingest = IngestSettings(**{**ingest, "inputs": paths, "bounds": bounds})
+    if voxels:
+        columns, required = voxels["columns"], tuple(voxels["required"])
+        columns = None if columns is None else tuple(columns)
+        voxels = VoxelizeSettings(**{**voxels, "columns": columns, "required": required})
     return Request(
         stages=held.stages,
         inputs=paths,
         output=held.output,
         options=options,
         ingest=ingest or None,
-        voxelize=VoxelizeSettings(**voxels) if voxels else None,
+        voxelize=voxels or None,
     )
 
 

@@ -24,6 +24,8 @@ SAMPLED_CHUNKS: Final = 16  # 4 ms each
 # Bytes of file per voxel of level 0, all levels and columns: five scans and a noisy sphere have 4.0
 # to 5.3 where voxels are 6-separating, four of them 3.4 to 4.5 where they are not.
 FILE_BYTES: Final = {"6": 4.7, "26": 3.9, "conservative": 3.9}
+# Of these, without normals 0.6 to 1.3 are left of three scans.
+NORMAL_BYTES: Final = {"6": 3.5, "26": 3.1, "conservative": 3.1}
 # Where blocks see one triangle, most have one normal, and directory rows are half of the piles.
 FLAT_BYTES: Final = {"6": 0.64, "26": 0.33, "conservative": 0.33}
 FLAT_PILES: Final = 2.0
@@ -67,10 +69,14 @@ def disk_of_stream(path: str, settings: VoxelizeSettings) -> DiskNeed:
     share = total / max(triangles, 1)
     shared = int(rows["vertices"].sum(dtype=np.int64)) / max(total, 1) * CELL_BORDERS
     coloured = any(attribute.name == "colour" for attribute in reader.attributes)
-    words = WORD_BYTES * (coloured + 2 * (settings.normals == "input"))
+    coloured &= settings.stores("colour")
+    input_normals = settings.stores("normal") and settings.normals == "input"
+    words = WORD_BYTES * (coloured + 2 * input_normals)
     presorted = references * (INDEX_BYTES + VERTEX_BYTES * shared + words)
     presorted += large * (CORNER_BYTES + words)
-    per_voxel = FILE_BYTES[settings.sep] + COLOUR_BYTES * varied / max(triangles, 1)
+    per_voxel = FILE_BYTES[settings.sep]
+    per_voxel += coloured * COLOUR_BYTES * varied / max(triangles, 1)
+    per_voxel -= 0 if settings.stores("normal") else NORMAL_BYTES[settings.sep]
     rough, even = faces * share * per_voxel, flat * share * FLAT_BYTES[settings.sep]
     kept = 0.0
     if settings.keep_geometry:

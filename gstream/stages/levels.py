@@ -30,6 +30,7 @@ from gstream.kernels import filters as fast
 from gstream.kernels.lod import reduce_runs
 from gstream.kernels.morton import tight_bounds
 
+NO_NORMAL: Final = np.empty((0, 2), np.uint16)
 NO_COLOUR: Final = np.empty((0, 4), np.uint8)
 NO_WEIGHT: Final = np.empty(0, np.uint32)
 NOT_STORED: Final = EncodedColumn(b"", 0, 0, 0, CODEC_RAW, NONE, 0)
@@ -43,7 +44,7 @@ def coarsest_level(settings: VoxelizeSettings, scene: Scene) -> int:
 def job_columns(settings: VoxelizeSettings, scene: Scene) -> tuple[ColumnSpec, ...]:
     """The columns that this job's piles carry."""
     bits = vertex_bits(settings, scene) if settings.keep_geometry else 0
-    return pipeline_columns(scene.colours, settings.normal_bits, scene.weighted, bits)
+    return pipeline_columns(scene.columns, settings.normal_bits, bits)
 
 
 def vertex_bits(settings: VoxelizeSettings, scene: Scene) -> int:
@@ -126,14 +127,15 @@ class LevelPile:
 
     def _reduced(self, block: Block, octant: int) -> Block:
         morton, mask, normal, colour, weight = reduce_runs(
-            block.morton, block.mask, block.normal,
+            block.morton, block.mask,
+            NO_NORMAL if block.normal is None else block.normal,
             NO_COLOUR if block.colour is None else block.colour,
             NO_WEIGHT if block.weight is None else block.weight,
             self.settings.normal_bits, self.scene.weighted, COLOUR_TABLES,
         )  # fmt: skip
         morton |= np.uint32(octant << 3 * (self.log2_edge - 1))
         return Block(
-            morton, mask, normal,
+            morton, mask, None if block.normal is None else normal,
             None if block.colour is None else colour, None if block.weight is None else weight,
         )  # fmt: skip
 

@@ -35,7 +35,7 @@ def work(job: Job, unit: Unit) -> None:
         scene = Scene.from_json(scratch.read(f"{MERGED}/{SCENE}"))
         header = _header(scene, settings)
         bits = header.vertex_bits if settings.keep_geometry else 0
-        columns = pipeline_columns(scene.colours, settings.normal_bits, scene.weighted, bits)
+        columns = pipeline_columns(scene.columns, settings.normal_bits, bits)
         rows, piles = rows_from_bytes(scratch.read(f"{MERGED}/blocks.rows"), columns), []
         piles += json.loads(scratch.read(f"{MERGED}/{PILES}"))
         if settings.lod:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gstream.errors import UsageError
+from gstream.errors import UnsupportedError, UsageError
 from gstream.formats import cells
 from gstream.formats.cells import SCENE, SEGMENT, SEGMENTS, Scene, grid_of_stream
 from gstream.formats.stream import StreamReader
@@ -63,7 +63,13 @@ def _scene(job: Job, reader: StreamReader) -> Scene:
     if reader.box is None:
         raise UsageError(f"{job.stream} has no triangles to voxelize")
     names = {attribute.name for attribute in reader.attributes}
-    if settings.normals == "input" and "normal" not in names:
+    for missing in set(settings.required) - names:
+        said = f"has no {missing}, which the scene requires"
+        raise UnsupportedError(job.stream, said, "ingest a mesh with it, or change the scene")
+    colours, normals = settings.stores("colour") and "colour" in names, settings.stores("normal")
+    averaged = settings.lod and (colours or normals)
+    input_normals = normals and settings.normals == "input"
+    if input_normals and "normal" not in names:
         raise UsageError(
             f"{job.stream} has no normals", "leave out --normals input, or ingest a file with them"
         )
@@ -74,11 +80,13 @@ def _scene(job: Job, reader: StreamReader) -> Scene:
     return Scene(
         grid=grid,
         cell_bits=min((cell - 1).bit_length(), 8),
-        colours="colour" in names,
-        normals=settings.normals == "input",
+        colours=colours,
+        normals=input_normals,
         box=box,
         metadata={k: v for k, v in reader.metadata.items() if k != "bounds"},
         counts={},
+        weighted=averaged or settings.keep_weights or settings.columns is None,
+        normal_column=normals,
     )
 
 

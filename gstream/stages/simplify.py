@@ -129,7 +129,7 @@ def _read(
             log2_edge, filters=fast, path=name, at=int(stored["offset"]),
         )  # fmt: skip
     return Block(
-        arrays["occupancy"], arrays["mask"], arrays["normal"],
+        arrays["occupancy"], arrays["mask"], arrays.get("normal"),
         arrays.get("colour"), arrays.get("weight"),
     )  # fmt: skip
 

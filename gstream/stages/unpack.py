@@ -77,6 +77,7 @@ def _scene(source: BlockFile) -> Scene:
         metadata=metadata,
         counts=ledger,
         weighted="weight" in source.columns,
+        normal_column="normal" in source.columns,
     )
 
 
@@ -84,7 +85,7 @@ def _block(view: BlockView, scene: Scene) -> Block:
     return Block(
         view.column("occupancy"),
         view.mask,
-        view.normal_codes,
+        view.normal_codes if scene.normal_column else None,
         view.colour if scene.colours else None,
         view.weight if scene.weighted else None,
     )

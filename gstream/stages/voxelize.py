@@ -240,9 +240,12 @@ class Filling:
         self.counts["voxels"] += len(rows)
         mask, normal, colour, weight = finish_voxels(
             rows, box.sums, box.flags, self.scene.colours, self.scene.normals,
-            self.settings.normal_bits, COLOUR_TABLES,
+            self.settings.normal_bits if self.scene.normal_column else 0, COLOUR_TABLES,
         )  # fmt: skip
-        return Block(codes, mask, normal, colour if self.scene.colours else None, weight)
+        return Block(
+            codes, mask, normal if self.scene.normal_column else None,
+            colour if self.scene.colours else None, weight,
+        )  # fmt: skip
 
 
 @lru_cache(maxsize=1)

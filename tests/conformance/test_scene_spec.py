@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from conformance.scene_vectors import NAMES, expected
+from conformance.scene_answers import NAMES, expected
 
 SPEC = Path(__file__).parents[2] / "spec"
 PAGE = (SPEC / "scene.md").read_text()

@@ -168,7 +168,8 @@ def test_an_output_that_has_appeared_meanwhile_is_replaced_only_by_force(stopped
 
 def test_voxelize_settings_survive_the_record(tmp_path, monkeypatch, no_tmpdir):
     write_stl(tmp_path / "a.stl")
-    settings = VoxelizeSettings(voxel_size=0.1, sep="conservative", snap_bits=9, lod=False)
+    chosen = {"columns": ("colour",), "required": ("colour",), "lod": False}
+    settings = VoxelizeSettings(voxel_size=0.1, sep="conservative", snap_bits=9, **chosen)
     source = IngestSettings((str(tmp_path / "a.stl"),))
     asked = commands.build(source, settings, str(tmp_path / "a.gsb"), RunOptions(workers=0))
     monkeypatch.setattr(ingest, "finish", stop)

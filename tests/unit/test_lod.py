@@ -195,6 +195,16 @@ def test_finished_voxels_agree_with_the_naive_rule(bits, data):
     assert_same(finished_by_kernel(*arrays, bits), wanted)
 
 
+def test_without_normals_the_other_columns_of_a_voxel_are_what_they_were_with_them():
+    rng = np.random.default_rng(5)
+    area, masks = rng.integers(1, 1 << 30, 300), rng.integers(0, 64, 300).astype(np.uint8)
+    vectors, sums = rng.integers(-1000, 1000, (300, 3)), rng.integers(0, 1 << 40, (300, 4))
+    with_them = finished_by_kernel(area, vectors, sums, masks, 11)
+    without = finished_by_kernel(area, vectors, sums, masks, 0)
+    assert without[1].shape == (0, 2)
+    assert_same(without[:1] + without[2:], with_them[:1] + with_them[2:])
+
+
 @pytest.mark.parametrize("colours", [0, 2])
 def test_an_empty_voxel_gets_all_faces_no_direction_and_the_least_weight(colours):
     area, vectors = np.zeros(2, np.int64), np.zeros((2, 3), np.int64)

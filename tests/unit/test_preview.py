@@ -1,6 +1,7 @@
 """The picture of a block file: cubes against a slow twin, the camera, the PNG, what is refused."""
 
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -236,6 +237,23 @@ def test_voxels_without_a_direction_are_lit_flat(tmp_path: Path) -> None:
     rgb = decoded((tmp_path / "a.png").read_bytes())
     assert np.ptp(rgb[10:22, 20:28].astype(int), axis=(0, 1)).max() <= 40
     assert rgb[16, 24, 0] > 80
+
+
+def test_without_normals_the_faces_of_a_voxel_tell_where_it_looks(tmp_path: Path) -> None:
+    scene = scene_of(shell(9), np.tile([0, -1000, -1000], (len(shell(9)), 1)))
+    for block in scene.blocks.values():
+        block.mask = np.full(block.count, 0b010100, np.uint8)  # -y and -z: as its normals say
+    render(written(scene, tmp_path / "a.gsb"), tmp_path / "normals.png", SMALL)
+    bare = replace(scene, names=("occupancy", "mask", "colour"))
+    render(written(bare, tmp_path / "a.gsb"), tmp_path / "masks.png", SMALL)
+    normals, masks = (tmp_path / f"{name}.png" for name in ("normals", "masks"))
+    two = decoded(normals.read_bytes()).astype(int), decoded(masks.read_bytes()).astype(int)
+    assert np.abs(two[0] - two[1]).max() <= 1  # codes of normals are rounded
+
+
+def test_a_file_of_places_alone_is_drawn(tmp_path: Path) -> None:
+    scene = scene_of(shell(9), names=("occupancy",))
+    assert render(written(scene, tmp_path / "a.gsb"), tmp_path / "a.png", SMALL).voxels > 0
 
 
 def test_the_same_file_gives_the_same_picture(tmp_path: Path) -> None:
