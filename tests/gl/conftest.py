@@ -28,11 +28,18 @@ def torus(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def conservative_torus(tmp_path_factory):
-    """The closed mesh with every voxel that it touches."""
-    folder = tmp_path_factory.mktemp("conservative")
+def fine_torus(tmp_path_factory):
+    """The closed mesh at twice the resolution."""
+    folder = tmp_path_factory.mktemp("fine")
+    return scenes.build(folder, "torus", scenes.torus(), resolution=256, block=16)
+
+
+@pytest.fixture(scope="session")
+def slab(tmp_path_factory):
+    """A box with every voxel that it touches."""
+    folder = tmp_path_factory.mktemp("slab")
     settings = {"resolution": 128, "block": 8, "sep": "conservative"}
-    return scenes.build(folder, "torus", scenes.torus(), **settings)
+    return scenes.build(folder, "slab", scenes.slab(), **settings)
 
 
 @pytest.fixture(scope="session")

@@ -42,6 +42,13 @@ def strip(around=160, across=12):
     return points.reshape(-1, 3), np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
 
 
+def slab():
+    """A closed box, its faces along the axes: each voxel of a face has that one direction."""
+    points = np.array([(x, y, z) for z in (0, 0.31) for y in (0, 0.77) for x in (0, 1.0)])
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    return points, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+
+
 def _grid(around, across):
     i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
 

@@ -51,7 +51,7 @@ def no_holes(context, model, monkeypatch, count, samples=1):
 
 
 @pytest.mark.parametrize(("name", "samples", "count"), [
-    ("torus", 1, 40), ("conservative_torus", 1, 30), ("strip", 1, 20), ("torus", 4, 10),
+    ("torus", 1, 40), ("slab", 1, 30), ("strip", 1, 20), ("torus", 4, 10),
 ])  # fmt: skip
 def test_there_is_no_hole_from_any_side_at_any_cut(
     context, request, monkeypatch, name, samples, count
@@ -61,9 +61,9 @@ def test_there_is_no_hole_from_any_side_at_any_cut(
 
 
 @pytest.mark.parametrize(("name", "lost", "instead"), [
-    ("conservative_torus", "#ifdef SKIRTS", "#ifdef NOWHERE"),
-    ("torus", "|| whole &&", "|| false &&"),
-    ("torus", "return uint(below.x) |", "return"),
+    ("slab", "#ifdef SKIRTS", "#ifdef NOWHERE"),
+    ("fine_torus", "|| whole &&", "|| false &&"),
+    ("slab", "return uint(below.x) |", "return"),
 ])  # fmt: skip
 def test_a_lost_skirt_or_face_leaves_holes(
     context, request, monkeypatch, shader_fault, name, lost, instead

@@ -131,7 +131,7 @@ class View:
             projection[2, 2:] = 2 / (near - far), (far + near) / (near - far)
         inverse = np.linalg.inv(world)
         eye = inverse[:3] @ (*camera.position, 1.0) if perspective else inverse[:3, :3] @ axes[2]
-        edge = float(np.linalg.norm(matrix[:, :3], axis=0).max())
+        edge = float(np.linalg.norm(matrix[:, :3], 2))
         pixels = edge * float(projection[1, 1]) * height / 2
         return View(projection @ grid, eye, perspective, pixels, slope * float(np.hypot(1, aspect)))
 

@@ -84,6 +84,9 @@ class Renderer:
         self._target: Target | None = None
         self._size = (0, 0)
         self.resize(size)
+        self._grow()
+        self._waiting = self.loader.read(self.tree.entries, self.tree.roots.tolist())
+        self._upload(None)
 
     def tint(self, tint: bool) -> None:
         """Colour by level, or as the scene says."""

@@ -146,6 +146,7 @@ class Occlusion:
         """
         visible = np.zeros(len(tree), np.bool_)
         visible[cut.drawn] = passed[cut.drawn]
+        visible[cut.wanted] = True  # nobody knows: their parents wait for them
         probes = cut.probes
         seen = passed[probes]
         back = probes[seen & (self._when[probes] != picture)]
