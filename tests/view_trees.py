@@ -69,7 +69,7 @@ def names(tree, nodes):
 def cover(tree, nodes):
     """(n,) by row: how many of the nodes are the block itself or above it."""
     found = np.zeros(len(tree), np.int64)
-    found[nodes] += 1
+    found[np.asarray(nodes, np.int64)] += 1
     for level in range(int(tree.level.max()) - 1, -1, -1):
         here = np.flatnonzero(tree.level == level)
         found[here] += found[tree.parent[here]]
