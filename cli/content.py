@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     help="Only voxels that touch this box of the world: low corner, high corner.",
 )
 @click.option("--cubes", is_flag=True, help="Of a PLY: cubes of six quads instead of points.")
+@click.option("--geometry", is_flag=True, help="Of a PLY: the source triangles, where kept.")
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")
 @options.as_json
 @options.quiet
@@ -40,6 +41,7 @@ def export(
     level: int,
     bounds: tuple[float, ...] | None,
     cubes: bool,
+    geometry: bool,
     force: bool,
     as_json: bool,
     quiet: bool,
@@ -47,7 +49,7 @@ def export(
     """Write a level's voxels for other programs.
 
     \b
-    .ply   centres as points with normals, colours, masks, weights; or cubes
+    .ply   centres as points with normals, colours, masks, weights; or cubes; or source triangles
     .npz   arrays positions (voxel indices), normal, colour, mask, weight, and matrix (to the world)
     .zarr  dense occupancy [z, y, x], 1 where there is a voxel
 
@@ -60,10 +62,11 @@ def export(
     from gstream.export import export as write
     from gstream.export import kind_of
 
-    kind = kind_of(output, cubes)
+    kind = kind_of(output, cubes, geometry)
     check_reading(path, output, force, folder=kind == ".zarr")
     with watch(quiet or as_json) as watcher:
-        made = write(path, output, level, bounds, cubes, Blocks(watcher, "export"))
+        shown = Blocks(watcher, "export")
+        made = write(path, output, level, bounds, cubes, shown, geometry=geometry)
     if as_json:
         click.echo(json.dumps(asdict(made), indent=1))
     elif not quiet:

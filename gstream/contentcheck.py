@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.blockview import BlockView
 from gstream.errors import CorruptFileError, UnsupportedError
 from gstream.formats.batches import Batch, cut
 from gstream.formats.blockfile import CONTENT_ID_BYTES, canonical_settings, identity_rows
@@ -22,7 +23,7 @@ from gstream.formats.morton import decode_morton
 from gstream.formats.pieces import PIECE_IDS, TRIANGLE, VERTEX, Pieces, hash_of
 from gstream.levelcheck import Columns, Comparison, Family, level_columns
 from gstream.piececheck import piece_findings
-from gstream.read import BlockFile, BlockView
+from gstream.read import BlockFile
 
 Progress = Callable[[int, int], None]  # blocks checked, blocks in all
 Batches = Mapping[str, Batch]  # columns by name

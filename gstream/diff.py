@@ -15,11 +15,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.blockview import BlockView
 from gstream.compiled import compiled
 from gstream.formats.lodrule import decode_normals
 from gstream.formats.morton import decode_morton
 from gstream.formats.pieces import PIECE_IDS
-from gstream.read import BlockFile, BlockView, open_block_file
+from gstream.read import BlockFile, open_block_file
 
 Progress = Callable[[int, int], None]  # blocks done, blocks in all
 Codes = NDArray[np.uint64]

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.blockview import BlockView
 from gstream.compiled import READING
 from gstream.errors import UnsupportedError
 from gstream.formats.blockhead import check_tail
 from gstream.formats.directory import TAIL_BYTES
 from gstream.formats.stream import StreamReader
-from gstream.read import BlockView, open_block_file
+from gstream.read import open_block_file
 
 DIGEST_BYTES = 16
 Values = NDArray[Any] | None  # None: of an unknown kind, codec or filter

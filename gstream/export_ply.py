@@ -9,6 +9,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.formats.pieces import TRIANGLE, VERTEX
 from gstream.selection import Piece, Progress, Selection
 
 NAMES: Final = {"<f4": "float", "<f8": "double", "<u4": "uint", "|u1": "uchar"}
@@ -65,6 +66,36 @@ def write_cubes(out: BinaryIO, selection: Selection, progress: Progress) -> tupl
         rows["corners"] = 8 * cubes[:, None, None] + quads
         out.write(rows.data)
     return names
+
+
+def write_triangles(out: BinaryIO, selection: Selection, progress: Progress) -> tuple[str, ...]:
+    """Write the source triangles of the blocks; the columns' names.
+
+    What neighbouring blocks share stands in each of them, at the same place to the bit.
+    """
+    counts = np.array([view.piece_counts for view in selection.views(())]).reshape(-1, 2)
+    vertices, triangles = counts.sum(axis=0).tolist()
+    fields = [(axis, _position_type(selection)) for axis in AXES]
+    faces = ("face", triangles, ["property list uchar int vertex_indices"])
+    out.write(_header(selection, ("vertex", vertices, _properties(fields)), faces))
+    unit, done = 2.0**-selection.file.header.snap_bits, 0
+    for view in selection.views(()):
+        corners = view.corner + view.pieces().vertices * unit
+        rows = np.empty(len(corners), fields)
+        _fill(rows, AXES, _in_world(corners, selection.matrix))
+        out.write(rows.data)
+        progress(done := done + 1, 2 * len(counts))
+    mirrored = np.linalg.det(selection.matrix[:, :3]) < 0
+    for view, first in zip(
+        selection.views(()), np.cumsum(counts[:, 0]) - counts[:, 0], strict=True
+    ):
+        numbers = view.pieces().triangles.astype(np.int64) + first
+        sides = np.empty(len(numbers), [("count", "u1"), ("corners", "<i4", 3)])
+        sides["count"] = 3
+        sides["corners"] = numbers[:, ::-1] if mirrored else numbers
+        out.write(sides.data)
+        progress(done := done + 1, 2 * len(counts))
+    return (VERTEX, TRIANGLE)
 
 
 def _corners(

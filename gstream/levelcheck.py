@@ -11,11 +11,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.blockview import BlockView
 from gstream.errors import CorruptFileError, UnsupportedError
 from gstream.formats.batches import Batch
 from gstream.formats.directory import Rows
 from gstream.formats.findings import ERROR, Finding
-from gstream.read import BlockFile, BlockView
+from gstream.read import BlockFile
 
 Columns = dict[str, NDArray[Any]]  # by name; PLACES are codes
 

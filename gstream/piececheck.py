@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.blockview import BlockView
 from gstream.formats.findings import ERROR, Finding
 from gstream.formats.pieces import Pieces
-from gstream.read import BlockView
 
 
 def piece_findings(view: BlockView, pieces: Pieces) -> Iterator[Finding]:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.blockview import BlockView
 from gstream.compiled import compiled
 from gstream.errors import UsageError
 from gstream.formats.directory import STATE_DATA
@@ -17,7 +18,7 @@ from gstream.formats.lodrule import unit_vectors
 from gstream.formats.morton import decode_morton
 from gstream.formats.png import png
 from gstream.kernels import shade, splat
-from gstream.read import BlockFile, BlockView, open_block_file
+from gstream.read import BlockFile, open_block_file
 from gstream.run.publish import publish
 
 Floats = NDArray[np.float64]

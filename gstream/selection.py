@@ -10,10 +10,11 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gstream.blockview import BlockView
 from gstream.errors import UsageError
 from gstream.formats.columns import COLUMN_IDS
 from gstream.formats.lodrule import unit_vectors
-from gstream.read import EVERYWHERE, BlockFile, BlockView
+from gstream.read import EVERYWHERE, BlockFile
 
 Progress = Callable[[int, int], None]  # blocks done, blocks in all
 Array = NDArray[Any]
@@ -61,7 +62,7 @@ class Selection:
         first = np.maximum(low, first).astype(np.int64)
         last = np.minimum(high, last).astype(np.int64)
         made = cls(file, level, first, last, False)
-        for view in made._views(()):
+        for view in made.views(()):
             made.blocks += 1
             inside = (view.corner + view.low >= first) & (view.corner + view.high <= last)
             made.voxels += (
@@ -86,12 +87,13 @@ class Selection:
 
         done, total : blocks of this pass' beginning and of all passes, for `progress`
         """
-        for view in self._views(("occupancy", *names)):
+        for view in self.views(("occupancy", *names)):
             yield from self._cut(view, names)
             done += 1
             progress(done, total or self.blocks)
 
-    def _views(self, names: Sequence[str]) -> Iterator[BlockView]:
+    def views(self, names: Sequence[str]) -> Iterator[BlockView]:
+        """The blocks whose bounds meet the box; names : columns that will be asked for."""
         box = EVERYWHERE if self.whole else (self.first.astype(float), self.last.astype(float))
         return self.file.blocks_inside(self.level, box, names)
 

@@ -169,11 +169,12 @@ def between(
 
 @part
 def append_cut(ring: I64, i: int, j: int, axis: int, at: int, out: I64, kept: int) -> int:
-    """Append where the edge i j meets the plane at `at`, if its ends are on different sides."""
+    """Append where the edge i j meets the plane at `at`, if its ends are on different sides.
+
+    The point is the same from both ends, as what is rounded is exact.
+    """
     if (ring[i, axis] < at) == (ring[j, axis] < at):
         return kept
-    if ring[j, axis] < at:
-        i, j = j, i
     width, part_of = ring[j, axis] - ring[i, axis], at - ring[i, axis]
     x = ring[i, 0] + rounded((ring[j, 0] - ring[i, 0]) * part_of, width)
     y = ring[i, 1] + rounded((ring[j, 1] - ring[i, 1]) * part_of, width)
@@ -183,7 +184,7 @@ def append_cut(ring: I64, i: int, j: int, axis: int, at: int, out: I64, kept: in
 
 @part
 def rounded(a: int, b: int) -> int:
-    """a / b, b > 0, to the nearest integer, half up."""
+    """a / b to the nearest integer, half up; the same of -a and -b."""
     return (2 * a + b) // (2 * b)
 
 

@@ -3,6 +3,7 @@
 It stands where merge stands when the levels of a finished file are (re)built, under merge's name.
 """
 
+from gstream.blockview import BlockView
 from gstream.compiled import compiled
 from gstream.formats.cells import SCENE, Scene
 from gstream.formats.columns import Block
@@ -11,7 +12,7 @@ from gstream.formats.pile import PileWriter, read_pile_rows
 from gstream.formats.rows import names_json
 from gstream.grid import Grid
 from gstream.job import Job, Summary, Unit
-from gstream.read import BlockFile, BlockView, open_block_file
+from gstream.read import BlockFile, open_block_file
 from gstream.run.publish import Scratch
 from gstream.stages import levels
 from gstream.stages.levels import LevelPile, job_columns

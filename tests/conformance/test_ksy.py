@@ -14,11 +14,12 @@ from ksy.gstream_blockfile import GstreamBlockfile
 from ksy.gstream_stream import GstreamStream
 from node import node
 
+from gstream.blockview import BlockView
 from gstream.formats import blockhead, stream
 from gstream.formats.framing import BLOCK_MAGIC, STREAM_MAGIC
 from gstream.formats.stream import StreamReader
 from gstream.formats.stream_chunk import CHUNK_MAGIC, ChunkHead
-from gstream.read import BlockFile, BlockView, open_block_file
+from gstream.read import BlockFile, open_block_file
 
 GOOD = Path(__file__).parents[2] / "spec" / "vectors" / "good"
 BLOCK_FILES = sorted(GOOD.glob("*.gsb"))

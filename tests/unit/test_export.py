@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import zarr
+from piece_block_files import scene, some_pieces, with_pieces
 from small_block_files import ALL, file_bytes, random_scene
 
 from gstream import export as module
@@ -26,7 +27,7 @@ SCENE = replace(SCENE, header=replace(SCENE.header, matrix=MATRIX))
 TYPES = {"float": "<f4", "double": "<f8", "uchar": "u1", "uint": "<u4"}
 
 
-def strict_ply(path):
+def strict_ply(path, corners=4):
     """The elements of a binary PLY, by its grammar alone; every byte is accounted for."""
     data = path.read_bytes()
     head, body = data.split(b"end_header\n", 1)
@@ -39,7 +40,7 @@ def strict_ply(path):
             fields = []
             elements[match[1]] = int(match[2]), fields
         elif line == "property list uchar int vertex_indices":
-            fields += [("count", "u1"), ("corners", "<i4", 4)]
+            fields += [("count", "u1"), ("corners", "<i4", corners)]
         else:
             kind, name = re.fullmatch(r"property (\w+) (\w+)", line).groups()
             fields.append((name, TYPES[kind]))
@@ -148,6 +149,37 @@ def touching(scene, bounds, level=0):
         low = np.array(place) * edge + (10, -7, 3)
         if (low <= bounds[3:]).all() and (low + edge >= bounds[:3]).all():
             yield place
+
+
+def test_source_triangles_are_those_of_the_blocks_in_the_world(tmp_path):
+    path = tmp_path / "pieces.gsb"
+    path.write_bytes(with_pieces())
+    made = export(str(path), str(tmp_path / "a.ply"), geometry=True)
+    rows = strict_ply(tmp_path / "a.ply", corners=3)
+    points = np.stack([rows["vertex"][axis] for axis in "xyz"], axis=1)
+    header, want = scene().header, []
+    for level, key in sorted(scene().blocks):
+        if level == 0 and key != 1:
+            vertices, triangles = some_pieces(key, 1 << (header.block_log2 + header.snap_bits))
+            corner = [8 * (key >> axis & 1) for axis in range(3)]
+            want.append((vertices / 4096 + corner)[triangles])
+    assert np.array_equal(points[rows["face"]["corners"]], np.concatenate(want).astype("<f4"))
+    assert made.columns == ("vertex", "triangle")
+
+
+@pytest.mark.parametrize("more", [{"level": 1}, {"cubes": True}, {"output": "a.npz"}])
+def test_source_triangles_are_level_0_alone_and_ply(tmp_path, more):
+    path, more = tmp_path / "pieces.gsb", {"output": "a.ply", **more}
+    path.write_bytes(with_pieces())
+    output = tmp_path / more.pop("output")
+    with pytest.raises(UsageError):
+        export(str(path), str(output), geometry=True, **more)
+    assert not output.exists()
+
+
+def test_a_file_without_source_triangles_says_so(folder):
+    with pytest.raises(UsageError, match="stores no source triangles"):
+        export(str(folder / "scene.gsb"), str(folder / "t.ply"), geometry=True)
 
 
 @pytest.mark.parametrize("level", [0, 1])
