@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from display import need_opengl
 from e2e.meshes import sphere, write_coloured_ply, write_ply
 from e2e.program import fail, succeed
 
@@ -178,3 +179,18 @@ def test_there_is_nothing_to_explain_without_a_scene(folder):
     wanted = "--explain explains a scene; give one with --scene FILE"
     arguments = ("plain.gst", "-o", "new.gsb", "--resolution", 70, "--explain")
     assert wanted in fail(folder, 2, "voxelize", *arguments)
+
+
+@pytest.mark.parametrize("name", ["sun", "grey", "flat", "shape", "finest shape"])
+def test_a_file_for_a_scene_looks_in_it_as_the_whole_file_does(folder, name):
+    need_opengl()
+    from PIL import Image  # of the extra gl
+
+    build(folder, "coloured", "out.gsb", SCENES[name][0])
+    pictures = []
+    for file in ("coloured.gsb", "out.gsb"):
+        seen = ("--scene", "scene.toml", "--size", "120x90", "--sync", "--force", "--quiet")
+        succeed(folder, "view", file, "--offscreen", "out.png", *seen)
+        pictures.append(np.asarray(Image.open(folder / "out.png")))
+    np.testing.assert_array_equal(*pictures)
+    assert len(np.unique(pictures[0].reshape(-1, 3), axis=0)) > 1
