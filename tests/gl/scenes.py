@@ -80,7 +80,7 @@ def build(folder, name, mesh, **settings):
     return Model(path, points, triangles)
 
 
-def renderer(context, path, size=(160, 120), **tables):
+def renderer(context, path, size=(160, 120), cut="shader", **tables):
     """A renderer of a file with a scene of these tables, synchronous but for what they say."""
     given = {
         name: dict(value) if isinstance(value, dict) else value for name, value in LIGHT.items()
@@ -93,7 +93,7 @@ def renderer(context, path, size=(160, 120), **tables):
         columns=frozenset(file.columns.values()), levels=file.levels, blocks=file.blocks,
         voxels=sum(file.level_voxels),
     )  # fmt: skip
-    return Renderer(context, file, scene, resolve(scene, facts), size)
+    return Renderer(context, file, scene, resolve(scene, facts), size, cut=cut)
 
 
 def camera_from(file, direction, size, zoom=1.0, aside=(0.0, 0.0)):

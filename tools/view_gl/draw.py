@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 from ..reader_py import BlockFile
 from .buffers import VoxelBuffer
 from .camera import View
-from .programs import FLAG_GROUP, Programs
+from .programs import CUT_GROUP, FLAG_GROUP, Programs
 from .shadow import Maps
+from .sraa import NUMBERS, SHADED, DeferredTarget
+from .stencil import Where
 from .target import Target
 from .tree import Nodes, Tree
 
@@ -52,10 +55,13 @@ class Painter:
         defines: Mapping[str, int],
         columns: Sequence[str],
         file: BlockFile,
+        cut: Where = "shader",
     ) -> None:
         self._context = context
         self._voxels = voxels
         self._defines = dict(defines)
+        if "STENCIL" in defines:
+            self._defines["CUT_HERE"] = int(cut == "shader")
         self._layout = ["voxel", *columns]
         self._fixed = {
             "last": (1 << file.block_log2) - 1,
@@ -70,6 +76,7 @@ class Painter:
         self._records = context.buffer(reserve=24, dynamic=True)
         self._flags = context.buffer(reserve=4, dynamic=True)
         self._flagging: moderngl.ComputeShader | None = None
+        self._cutting: moderngl.ComputeShader | None = None
         self.passes: list[str] = []  # of the last frame, in order
 
     def begin(self, tree: Tree, lists: Sequence[Nodes], origin: NDArray[np.int64]) -> list[Draws]:
@@ -113,8 +120,24 @@ class Painter:
             buffer.write(np.ascontiguousarray(data).tobytes())
         return buffer
 
+    def cut(self, block: int, level: int, look: Appearance) -> None:
+        """Clear the masks of a block's voxels that stencils cut out, in the pool's memory.
+
+        look : with places relative to the block's corner
+        """
+        if self._cutting is None:
+            defines = {"STENCIL": self._defines["STENCIL"], "STRIDE": len(self._layout)}
+            self._cutting = self.programs.compute(("common", "stencil", "cut.comp"), defines)
+        start, count = self._voxels.pool.place(block) or (0, 0)
+        values = {**look.values, "run": (start, count), "block": (0, 0, 0, level)}
+        _assign(self._cutting, values)
+        self._voxels.buffer.bind_to_storage_buffer(2)
+        self._cutting.run(-(-count // CUT_GROUP))
+        self._context.memory_barrier(moderngl.ALL_BARRIER_BITS)
+
     def voxels(
-        self, target: Target, view: View, origin: NDArray[np.int64], count: int, look: Appearance,
+        self, target: Target | DeferredTarget, view: View, origin: NDArray[np.int64], count: int,
+        look: Appearance,
         largest: float,
     ) -> None:  # fmt: skip
         """The first `count` blocks, with colour.
@@ -129,11 +152,12 @@ class Painter:
         context.enable_only(moderngl.DEPTH_TEST | moderngl.PROGRAM_POINT_SIZE)
         context.depth_func = "<="
         self._run(form, view, origin, target.size, 0, count, look)
-        if sprites and "OCCLUSION" in self._defines:
+        if sprites and "OCCLUSION" in self._defines and isinstance(target, Target):
             self._flag(target)
 
     def probes(
-        self, target: Target, view: View, origin: NDArray[np.int64], first: int, count: int,
+        self, target: Target | DeferredTarget, view: View, origin: NDArray[np.int64],
+        first: int, count: int,
         fresh: int, look: Appearance,
     ) -> None:  # fmt: skip
         """Blocks that stand for occluded children: tested, and flagged where they pass.
@@ -151,12 +175,39 @@ class Painter:
         context.blend_func = moderngl.ONE_MINUS_DST_ALPHA, moderngl.DST_ALPHA
         # A probe's face may lie in that of what it stands for, which nearly passes: not behind it.
         context.polygon_offset = -1.0, -1.0
+        if "SRAA" in self._defines:
+            fresh = 0  # numbers do not blend
         self._run("faces", view, origin, target.size, first, fresh, look)
         target.lock_colour(True)
         self._run("probes", view, origin, target.size, first + fresh, count - fresh, look)
         target.lock_colour(False)
         target.lock_depth(False)
         context.polygon_offset = 0.0, 0.0
+
+    def shade(
+        self, target: DeferredTarget, view: View, origin: NDArray[np.int64], look: Appearance
+    ) -> None:
+        """Colours of a target of numbers: one for each pixel, then each sample's."""
+        self.passes.append("shade")
+        stride = {"STRIDE": len(self._layout)}
+        self._context.memory_barrier(moderngl.ALL_BARRIER_BITS)
+        for name, draw in (
+            ("numbered.frag", target.shade),
+            ("reconstruct.frag", target.reconstruct),
+        ):
+            if name not in self._made:
+                made = self.programs.screen(name, self._defines | stride)
+                self._made[name] = made, self._context.vertex_array(made, [])
+            program, array = self._made[name]
+            if array is None:
+                array = self._context.vertex_array(program, [])
+                self._made[name] = program, array
+            textures = {"depths": 0, "numbers": NUMBERS, "shaded": SHADED}
+            values = {"background": target.background, **textures}
+            self._set(program, view, origin, target.size, {**values, **look.values})
+            self._records.bind_to_storage_buffer(1)
+            self._voxels.buffer.bind_to_storage_buffer(2)
+            draw(array)
 
     def shadows(
         self, maps: Maps, views: Sequence[View], origin: NDArray[np.int64],
@@ -195,15 +246,16 @@ class Painter:
         if array is None:
             array = self._array(program)
             self._made[name] = program, array
-        values = {**self._fixed, **view_values(view, origin, size), **look.values}
-        for uniform, value in values.items():
-            member = program.get(uniform, None)
-            if isinstance(member, moderngl.Uniform) and isinstance(value, bytes):
-                member.write(value)
-            elif isinstance(member, moderngl.Uniform):
-                member.value = value
+        self._set(program, view, origin, size, look.values)
         self._flags.bind_to_storage_buffer(0)
         array.render_indirect(self._commands, moderngl.POINTS, count, first)
+
+    def _set(
+        self, program: moderngl.Program, view: View, origin: NDArray[np.int64],
+        size: tuple[int, int], more: Mapping[str, Any],
+    ) -> None:  # fmt: skip
+        """Give a program the uniforms that it has."""
+        _assign(program, {**self._fixed, **view_values(view, origin, size), **more})
 
     def _compile(self, name: str) -> moderngl.Program:
         if name == "faces":
@@ -232,7 +284,7 @@ class Painter:
     def _flag(self, target: Target) -> None:
         """Flags from the numbers of the blocks that sprites have left in the picture."""
         if self._flagging is None:
-            self._flagging = self.programs.compute("flag.comp", {})
+            self._flagging = self.programs.compute(("flag.comp",), {})
         target.ids.bind_to_image(0, read=True, write=True)
         self._flags.bind_to_storage_buffer(0)
         self._context.memory_barrier(moderngl.ALL_BARRIER_BITS)
@@ -260,3 +312,13 @@ def view_values(
         "viewport": (float(size[0]), float(size[1])),
         "ray": np.ascontiguousarray(ray.T, dtype=np.float32).tobytes(),
     }
+
+
+def _assign(program: moderngl.Program | moderngl.ComputeShader, values: Mapping[str, Any]) -> None:
+    """Give a program the uniforms of these that it has."""
+    for name, value in values.items():
+        member = program.get(name, None)
+        if isinstance(member, moderngl.Uniform) and isinstance(value, bytes):
+            member.write(value)
+        elif isinstance(member, moderngl.Uniform):
+            member.value = value

@@ -16,6 +16,8 @@ from .camera import Camera, View
 from .deform import Deformation
 from .draw import Appearance, Painter
 from .loader import Loader, Wish, Words
+from .sraa import DeferredTarget
+from .stencil import Where, without_cut
 from .target import Target
 from .tree import Nodes, Tree
 from .visibility import Boxes, Cut, Occlusion, walk
@@ -44,18 +46,23 @@ class Renderer:
 
     size : of the picture, pixels
     tint : colour by level, instead of the file's colours
+    cut : where stencils are applied
     """
 
     def __init__(
         self, context: moderngl.Context, file: BlockFile, scene: Scene, resolution: Resolution,
-        size: tuple[int, int], *, tint: bool = False,
+        size: tuple[int, int], *, tint: bool = False, cut: Where = "shader",
     ) -> None:  # fmt: skip
         self.file, self.scene, self.resolution = file, scene, resolution
         self.pixel_error = scene.lod.pixel_error
         self.closed = scene.budget.refine == "closed"
         self.synchronous = scene.budget.io == "sync"
         self.upload_limit = scene.budget.upload_per_frame
-        self.occlusion = "occlusion" in resolution.effects
+        self._stencils = "STENCIL" in resolution.defines
+        self._cut: Where = cut
+        # A coarse voxel that is not uploaded bounds nothing: its children may be there.
+        uncut = not (self._stencils and cut == "upload")
+        self.occlusion = "occlusion" in resolution.effects and uncut
         self.paused = False  # draw what is there, ask for nothing more
         self._samples = scene.camera.samples
         self._context = context
@@ -81,7 +88,7 @@ class Renderer:
         self._relief = 1.0
         self._picture = 0
         self._last: tuple[object, ...] = ()
-        self._target: Target | None = None
+        self._target: Target | DeferredTarget | None = None
         self._size = (0, 0)
         self.resize(size)
         self._grow()
@@ -91,7 +98,9 @@ class Renderer:
     def tint(self, tint: bool) -> None:
         """Colour by level, or as the scene says."""
         defines = dict(self.resolution.defines) | ({"TINT": 1} if tint else {})
-        self.painter = Painter(self._context, self.voxels, defines, self._columns, self.file)
+        self.painter = Painter(
+            self._context, self.voxels, defines, self._columns, self.file, self._cut
+        )
         self._last = ()
 
     def resize(self, size: tuple[int, int], samples: int = 0) -> None:
@@ -103,14 +112,17 @@ class Renderer:
             self._target.release()
         ids = "OCCLUSION" in self.resolution.defines
         self._size, self._samples, self._last = size, samples, ()
-        self._target = Target(self._context, size, samples, ids=ids)
+        if samples > 1 and "SRAA" in self.resolution.defines:
+            self._target = DeferredTarget(self._context, size, samples, self.painter.programs)
+        else:
+            self._target = Target(self._context, size, samples, ids=ids)
         if self._lights:
             if self._maps is not None:
                 self._maps.release()
             self._maps, self._mapped = shadow.Maps(self._context, self._lights, size), []
 
     @property
-    def target(self) -> Target:
+    def target(self) -> Target | DeferredTarget:
         """What is drawn to."""
         if self._target is None:
             raise ValueError("the renderer has no size yet")
@@ -242,6 +254,9 @@ class Renderer:
         total = 0
         while self._waiting:
             node, words = self._waiting[0]
+            if self._stencils and self._cut == "upload":
+                corner, level = self.tree.corner[node], int(self.tree.level[node])
+                words = without_cut(words, self.scene, self.file.matrix, corner, level)
             bytes_ = len(words) * size
             if ready and limit is not None and total + bytes_ > limit:
                 break
@@ -260,6 +275,11 @@ class Renderer:
             total += bytes_
         self._forget_evicted()
         self.voxels.upload(ready)
+        if self._stencils and self._cut == "memory":
+            for node, _ in ready:
+                corner = self.tree.corner[node] << self.tree.level[node]
+                place = look.uniforms(self.scene, self.file, corner)
+                self.painter.cut(node, int(self.tree.level[node]), Appearance(place))
         self._resident[[node for node, _ in ready]] = True
         return bool(ready)
 
@@ -296,7 +316,7 @@ class Renderer:
         self.painter.begin(tree, [cut.drawn, probes, *casters], origin)
         edges = [float(tree.edge[nodes].max(initial=1.0)) for nodes in casters]
         appearance = Appearance(
-            look.uniforms(self.scene, self.file, self.resolution, origin)
+            look.uniforms(self.scene, self.file, origin)
             | self._deformation.uniforms(origin)
             | shadow.uniforms(lights, edges, origin)
         )
@@ -317,6 +337,8 @@ class Renderer:
             passed = np.zeros(len(tree), np.bool_)
             passed[np.concatenate((drawn, probes))] = self.painter.flags(count)
             self._history.update(tree, cut, passed, self._picture)
+        if isinstance(target, DeferredTarget):
+            self.painter.shade(target, view, origin, appearance)
         target.resolve()
         if target.samples > 1:
             self.painter.passes.append("resolve")

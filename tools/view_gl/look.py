@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..reader_py import BlockFile
-from ..scene import Resolution, Scene
+from ..scene import Scene
 
 Floats = NDArray[np.float64]
 
@@ -21,9 +21,7 @@ def linear(colour: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour)
 
 
-def uniforms(
-    scene: Scene, file: BlockFile, resolution: Resolution, origin: NDArray[np.int64]
-) -> dict[str, Any]:
+def uniforms(scene: Scene, file: BlockFile, origin: NDArray[np.int64]) -> dict[str, Any]:
     """The uniforms of voxel.vert, shade.glsl and stencil.glsl, places relative to `origin`."""
     world = file.matrix[:, :3]
     start = world @ origin + file.matrix[:, 3]

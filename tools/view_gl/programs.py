@@ -9,6 +9,7 @@ import moderngl
 
 VERSION = "#version 450 core\n"  # what llvmpipe offers; nothing here needs more
 FLAG_GROUP = 8  # flag.comp's local size
+CUT_GROUP = 64  # cut.comp's
 
 # The parts of each stage, joined in this order.
 FACES = (("common", "stencil", "shade", "voxel.vert"), ("common", "faces.geom"), ("faces.frag",))
@@ -16,6 +17,12 @@ SPRITES = (("common", "stencil", "shade", "sprite", "voxel.vert"), (), ("common"
 # Probes and shadows have no colour: only the depth test, and flags, which early tests guard.
 DEPTHS = (("common", "stencil", "voxel.vert"), ("common", "faces.geom"), ("depths.frag",))
 COLOUR_DEFINES = ("COLOUR", "LIT", "SPECULAR", "SHADOW", "LIGHTS", "TINT")
+# What is drawn as the screen's triangle, by the last part's name.
+SCREEN = {
+    "cleared.frag": ("cleared.frag",),
+    "numbered.frag": ("common", "shade", "numbered.frag"),
+    "reconstruct.frag": ("reconstruct.frag",),
+}
 
 
 class Programs:
@@ -27,6 +34,8 @@ class Programs:
 
     def faces(self, defines: Mapping[str, int]) -> moderngl.Program:
         """Voxels as faces from a geometry shader."""
+        if "SRAA" in defines:  # colours come later
+            defines = _without_colour(defines)
         return self._program("faces", FACES, defines)
 
     def sprites(self, defines: Mapping[str, int]) -> moderngl.Program:
@@ -35,13 +44,17 @@ class Programs:
 
     def depths(self, name: str, defines: Mapping[str, int]) -> moderngl.Program:
         """Faces without colour: a light's depths, or with OCCLUSION the probes."""
-        plain = {key: value for key, value in defines.items() if key not in COLOUR_DEFINES}
-        return self._program(name, DEPTHS, {**plain, "DEPTHS": 1})
+        plain = {key: value for key, value in defines.items() if key != "SRAA"}
+        return self._program(name, DEPTHS, {**_without_colour(plain), "DEPTHS": 1})
 
-    def compute(self, name: str, defines: Mapping[str, int]) -> moderngl.ComputeShader:
-        """A compute shader of one part."""
-        self.compiled.append((name, dict(defines)))
-        return self._context.compute_shader(_source((name,), defines))
+    def screen(self, name: str, defines: Mapping[str, int]) -> moderngl.Program:
+        """A pass over the screen's pixels."""
+        return self._program(name, (("screen.vert",), (), SCREEN[name]), defines)
+
+    def compute(self, parts: Sequence[str], defines: Mapping[str, int]) -> moderngl.ComputeShader:
+        """A compute shader, named by its last part."""
+        self.compiled.append((parts[-1], dict(defines)))
+        return self._context.compute_shader(_source(parts, defines))
 
     def _program(
         self, name: str, stages: Sequence[Sequence[str]], defines: Mapping[str, int]
@@ -51,6 +64,10 @@ class Programs:
         return self._context.program(
             vertex_shader=vertex, geometry_shader=geometry or None, fragment_shader=fragment
         )
+
+
+def _without_colour(defines: Mapping[str, int]) -> dict[str, int]:
+    return {key: value for key, value in defines.items() if key not in COLOUR_DEFINES}
 
 
 def _source(parts: Sequence[str], defines: Mapping[str, int]) -> str:

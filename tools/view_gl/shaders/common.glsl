@@ -35,7 +35,20 @@ vec4 projected(ivec3 point)
 uint facing(ivec3 low, int edge)
 {
 #ifdef DEFORM
-    return 63u;         // displaced faces may turn anywhere: the depth test decides
+    vec3 half_edge = vec3(0.5 * float(edge)), middle = vec3(low) + half_edge;
+    uint turned = 0u;
+    for (int face = 0; face < 6; face++) {
+        int axis = face >> 1;
+        vec3 across = vec3(0.0), u = vec3(0.0), v = vec3(0.0);
+        across[axis] = half_edge.x * float(2 * (face & 1) - 1);
+        u[(axis + 1) % 3] = half_edge.x;
+        v[(axis + 2) % 3] = half_edge.x;
+        vec3 at = middle + across, place = displaced(at);
+        vec3 normal = cross(displaced(at + u) - displaced(at - u), displaced(at + v) - displaced(at - v));
+        vec3 towards = parallel ? eye : eye - place;
+        if (dot(normal, towards) * across[axis] > 0.0) turned |= 1u << face;
+    }
+    return turned;
 #else
     vec3 near = vec3(low), far = vec3(low + edge);
     bvec3 below = parallel ? lessThan(eye, vec3(0.0)) : lessThan(eye, near);

@@ -5,6 +5,7 @@ layout(early_fragment_tests) in;
 in Face {
     flat uint slot;
     flat vec3 colour;
+    flat uvec2 number;
 } face;
 
 #ifdef OCCLUSION

@@ -16,11 +16,13 @@ in Voxel {
     flat uint faces;
     flat uint slot;
     flat vec3 colour;
+    flat uvec2 number;
 } voxel[];
 
 out Face {
     flat uint slot;
     flat vec3 colour;
+    flat uvec2 number;
 } face;
 
 void main()
@@ -37,6 +39,7 @@ void main()
             gl_Position = projected(corner);
             face.slot = voxel[0].slot;
             face.colour = voxel[0].colour;
+            face.number = voxel[0].number;
             EmitVertex();
         }
         EndPrimitive();

@@ -1,9 +1,14 @@
 // The colour of a voxel, the same all over it: attributes are not interpolated.
 
 uniform float ambient;
+uniform vec3 plain;                 // colour of what has none
+#ifdef TINT
+uniform vec3 tints[6];              // by level
+#endif
 #ifdef LIT
 uniform vec4 lights[LIGHTS];        // towards a directional light, w = 0; place from the origin, w = 1
 uniform vec3 intensities[LIGHTS];
+uniform int normal_bits;
 #ifdef SPECULAR
 uniform vec2 specular;              // strength, exponent
 #endif
@@ -65,4 +70,28 @@ vec3 encoded(vec3 linear)
 vec3 decoded(vec3 code)
 {
     return mix(code / 12.92, pow((code + 0.055) / 1.055, vec3(2.4)), greaterThan(code, vec3(0.04045)));
+}
+
+#ifdef LIT
+// The unit vector of two octahedral codes (spec/blockfile.md 8.3), 0 where there is no direction.
+vec3 unit_normal(uint codes)
+{
+    ivec2 code = ivec2(codes & 0xffffu, codes >> 16);
+    int half_range = (1 << normal_bits - 1) - 1;
+    if (all(equal(code, ivec2((1 << normal_bits) - 1)))) return vec3(0.0);
+    ivec2 p = code - half_range;
+    int z = half_range - abs(p.x) - abs(p.y);
+    if (z < 0) p = (half_range - abs(p.yx)) * ivec2(p.x < 0 ? -1 : 1, p.y < 0 ? -1 : 1);
+    return normalize(vec3(p, z));
+}
+#endif
+
+// The sRGB colour of a voxel of that level, surface as stored, normal 0 where it has none.
+vec3 voxel_colour(ivec3 low, int edge, int level, vec3 surface, vec3 normal)
+{
+#ifdef TINT
+    surface = tints[level % 6];
+#endif
+    vec3 centre = vec3(low) + 0.5 * float(edge);
+    return encoded(shaded(decoded(surface), normal, centre, float(edge)));
 }

@@ -6,6 +6,7 @@ in Voxel {
     flat uint faces;
     flat uint slot;
     flat vec3 colour;
+    flat uvec2 number;
 } voxel;
 
 uniform mat3 ray;           // pixel coordinates, 1 -> direction; parallel: -> a point of the ray
