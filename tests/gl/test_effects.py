@@ -83,7 +83,7 @@ def test_effects_that_are_not_called_for_would_change_no_pixel(
         monkeypatch.setattr(draw, "SPRITE_PIXELS", 0.0)
     least, renderer = picture(context, torus, zoom=1.5, **SCENES[name])
     tables = SCENES[name]
-    shade = {"specular": 1e-30} | tables.get("shade", {}) | {"model": "blinn-phong"}
+    shade = tables.get("shade", {"specular": 1e-30}) | {"model": "blinn-phong"}
     if name == "flat":
         shade |= {"ambient": 1.0}
     dark = {"direction": [1, 0, 0], "shadows": True, "intensity": 1e-30}
