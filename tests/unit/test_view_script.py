@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gstream_tools.scene import SceneError, scene_of
-from gstream_tools.view_gl.script import curve, read_script, script_of
-from gstream_tools.view_gl.session import UsageError
+from gstream_tools.view_gl.script import ScriptError, curve, read_script, script_of
 
 PLACE = {"position": [0, -10, 0], "target": [0, 0, 0]}
 SESSION = SimpleNamespace(  # what a camera needs of one: the scene, and the file's box
@@ -142,15 +141,15 @@ def test_a_camera_in_its_target_is_refused():
     ],
 )  # fmt: skip
 def test_what_is_no_script_is_named_by_its_place(given, said):
-    with pytest.raises(UsageError, match=f"^{said}"):
+    with pytest.raises(ScriptError, match=f"^{said}"):
         script_of(given)
 
 
 def test_an_error_names_the_file(tmp_path):
     path = tmp_path / "s.json"
     path.write_text(json.dumps({"keys": []}))
-    with pytest.raises(UsageError, match=r"s\.json: keys: "):
+    with pytest.raises(ScriptError, match=r"s\.json: keys: "):
         read_script(path)
     path.write_text("{")
-    with pytest.raises(UsageError, match=r"s\.json: is no JSON"):
+    with pytest.raises(ScriptError, match=r"s\.json: is no JSON"):
         read_script(path)

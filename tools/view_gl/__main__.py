@@ -26,8 +26,8 @@ EXAMPLES = """examples:
   python -m gstream_tools.view_gl scan.gsb --offscreen scan.png --camera fit:35,18,2
   python -m gstream_tools.view_gl scan.gsb --path flight.json --frames flight --sync
 
-exit codes: 0 done, 1 our error, 2 usage, 3 stopped, 4 invalid file, 6 unsupported (no OpenGL, a
-column that is missing, an effect that cannot be shown)"""
+exit codes: 0 done, 1 our error, 2 usage, 3 stopped, 4 an invalid file, scene or script,
+6 unsupported (no OpenGL, a column that is missing, an effect that cannot be shown)"""
 
 
 class CommandError(Exception):
@@ -120,6 +120,7 @@ def run(arguments: Sequence[str]) -> int:
         raise CommandError("--path and --offscreen exclude each other; give one", 2)
     try:
         from .offscreen import NoOpenGLError
+        from .script import ScriptError
         from .session import Session, UsageError, Wishes
     except ModuleNotFoundError as error:
         raise CommandError(f"{error.name} is missing; {MISSING}", 2) from error
@@ -139,8 +140,8 @@ def run(arguments: Sequence[str]) -> int:
         raise CommandError(str(error), 2) from error
     except RefusedSceneError as error:
         raise CommandError(str(error), 6) from error
-    except SceneError as error:
-        raise CommandError(str(error), 2) from error
+    except (SceneError, ScriptError) as error:
+        raise CommandError(str(error), 4) from error
     except (CorruptFileError, UnsupportedError) as error:
         code = 4 if isinstance(error, CorruptFileError) else 6
         raise CommandError(f"{options.file or options.scene}: {error}", code) from error

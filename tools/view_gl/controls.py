@@ -82,7 +82,7 @@ class Controls:
         match key:
             case "f":
                 self.camera = refit(self.camera, renderer.file.box, self.size[0] / self.size[1])
-            case "1" | "2" | "4" | "8" if int(key) <= self.most_samples:
+            case "1" | "2" | "4" | "8" if self._least_samples <= int(key) <= self.most_samples:
                 renderer.resize(renderer.target.size, int(key))
             case "l":
                 self.levels = not self.levels
@@ -105,6 +105,11 @@ class Controls:
 
     def _set_error(self, pixels: float) -> None:
         self.renderer.pixel_error = min(max(pixels, LEAST_ERROR), MOST_ERROR)
+
+    @property
+    def _least_samples(self) -> int:
+        """SRAA's programs draw voxels' numbers, which one sample has no use for."""
+        return 2 if "sraa" in self.renderer.resolution.effects else 1
 
     @property
     def _distance(self) -> float:

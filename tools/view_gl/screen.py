@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from .sraa import DeferredTarget
 from .target import Target
 
 FONT_PIXELS = 15
@@ -48,7 +49,7 @@ class Screen:
         self._text = ""
         self._panel: moderngl.Texture | None = None
 
-    def show(self, target: Target, text: str) -> None:
+    def show(self, target: Target | DeferredTarget, text: str) -> None:
         """Fill the window with a picture of its size, and lay lines of text over it."""
         picture = self._copied(target)
         self._window.viewport = (0, 0, *target.size)
@@ -66,7 +67,7 @@ class Screen:
         self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         self._draw(panel, (left, -top - height, width, height))
 
-    def _copied(self, target: Target) -> moderngl.Texture:
+    def _copied(self, target: Target | DeferredTarget) -> moderngl.Texture:
         if self._picture is None or self._copy is None or self._picture.size != target.size:
             for old in (self._copy, self._picture):
                 if old is not None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..scene import Scene
 from .camera import Camera
-from .session import Session, UsageError, scene_camera
+from .session import Session, scene_camera
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +32,10 @@ ORBIT: dict[str, tuple[int, float, float]] = {
     "zoom": (1, 1e-6, 1e6),
 }
 TIME = (1, -1e9, 1e9)
+
+
+class ScriptError(Exception):
+    """A file that is no camera script; one line that names the place, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,27 +75,27 @@ class Script:
 
 
 def read_script(path: str | Path) -> Script:
-    """errors : OSError; UsageError, one line that names the place"""
+    """errors : OSError; ScriptError, one line that names the place"""
     try:
         given = json.loads(Path(path).read_bytes())
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"{path}: is no JSON: {error}; mend the file") from None
+        raise ScriptError(f"{path}: is no JSON: {error}; mend the file") from None
     try:
         return script_of(given)
-    except UsageError as error:
-        raise UsageError(f"{path}: {error}") from None
+    except ScriptError as error:
+        raise ScriptError(f"{path}: {error}") from None
 
 
 def script_of(given: Any) -> Script:
-    """errors : UsageError, one line that names the place"""
+    """errors : ScriptError, one line that names the place"""
     script = _object("the script", given, ("fps", "keys"))
     (fps,) = _numbers("fps", script.get("fps", 30), (1, 1e-3, 1e3))
     keys = script.get("keys")
     if not isinstance(keys, list) or not keys:
-        raise UsageError("keys: is no list of key frames; give one at least")
+        raise ScriptError("keys: is no list of key frames; give one at least")
     first = _object("keys[0]", keys[0], ("time", *PLACED, *ORBIT))
     if ("position" in first) == ("azimuth" in first):
-        raise UsageError("keys[0]: needs either position or azimuth; give one of them")
+        raise ScriptError("keys[0]: needs either position or azimuth; give one of them")
     rules = {"time": TIME, **(PLACED if "position" in first else ORBIT)}
     names = [name for name in rules if name in first or name == "time"]
     rows: dict[str, list[list[float]]] = {name: [] for name in names}
@@ -100,18 +104,18 @@ def script_of(given: Any) -> Script:
         for name in names:
             place = f"keys[{i}].{name}"
             if name not in key:
-                raise UsageError(f"{place}: is missing; give it in all key frames or in none")
+                raise ScriptError(f"{place}: is missing; give it in all key frames or in none")
             rows[name].append(_numbers(place, key[name], rules[name]))
     values = {name: np.array(row) for name, row in rows.items()}
     times = values.pop("time")[:, 0]
     late = np.flatnonzero(np.diff(times) <= 0) + 1
     if len(late):
-        raise UsageError(f"keys[{late[0]}].time: is not after the key before; put them in order")
+        raise ScriptError(f"keys[{late[0]}].time: is not after the key before; put them in order")
     if "zoom" in values:
         values["zoom"] = np.log(values["zoom"])  # as fast near the target as far from it
     made = Script(fps, times, values)
     if made.frames > MAX_FRAMES:
-        raise UsageError(f"keys: {made.frames} frames are above {MAX_FRAMES}; lower fps")
+        raise ScriptError(f"keys: {made.frames} frames are above {MAX_FRAMES}; lower fps")
     return made
 
 
@@ -143,10 +147,10 @@ def curve(times: Floats, rows: Floats, time: float) -> Floats:
 
 def _object(place: str, given: Any, known: Iterable[str]) -> dict[str, Any]:
     if not isinstance(given, dict):
-        raise UsageError(f"{place}: is no object; write {{…}}")
+        raise ScriptError(f"{place}: is no object; write {{…}}")
     for name in given:
         if name not in known:
-            raise UsageError(f"{place}: has no {name!r}; it may have {', '.join(known)}")
+            raise ScriptError(f"{place}: has no {name!r}; it may have {', '.join(known)}")
     return given
 
 
@@ -156,7 +160,7 @@ def _numbers(place: str, given: Any, rule: tuple[int, float, float]) -> list[flo
     real = isinstance(row, list) and len(row) == count
     if not real or not all(type(number) in (int, float) for number in row):
         said = "a number" if count == 1 else f"{count} numbers"
-        raise UsageError(f"{place}: is not {said}; give {said}")
+        raise ScriptError(f"{place}: is not {said}; give {said}")
     if not all(least <= number <= most for number in row):  # nor is a NaN
-        raise UsageError(f"{place}: is not from {least:g} to {most:g}; give another number")
+        raise ScriptError(f"{place}: is not from {least:g} to {most:g}; give another number")
     return [float(number) for number in row]

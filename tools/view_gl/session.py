@@ -237,7 +237,10 @@ def _named(scene: Scene | None) -> str:
 def _camera(scene: Scene, file: BlockFile, aspect: float, text: str | None) -> Camera:
     if text is None:
         return scene_camera(scene, file, aspect)
-    return camera_of_text(text, scene, file, aspect)
+    try:
+        return camera_of_text(text, scene, file, aspect)
+    except SceneError as error:  # no scene has said that
+        raise UsageError(f"camera {text!r}: {error.said}; {error.remedy}") from None
 
 
 def _overridden(scene: Scene, wishes: Wishes) -> Scene:

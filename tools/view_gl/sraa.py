@@ -78,6 +78,10 @@ class DeferredTarget:
     def resolve(self) -> None:
         """Nothing is left to do: `reconstruct` was the last pass."""
 
+    def copy_to(self, framebuffer: moderngl.Framebuffer) -> None:
+        """The picture into a framebuffer of the same size and form."""
+        self._context.copy_framebuffer(framebuffer, self._whole)
+
     def pixels(self) -> NDArray[np.uint8]:
         """(height, width, 4) the picture, its first row on top; alpha is what was covered."""
         width, height = self.size
