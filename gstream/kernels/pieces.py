@@ -103,7 +103,7 @@ def cut_one(
 def ring_of(triangle: I64, ring: I64) -> int:
     """Copy a triangle, its least corner first, so that all that follows is a function of it alone.
 
-    returns : int   corners; 0 where two are the same
+    returns : int   corners; 0 where two in a row are the same
     """
     least = 0
     for i in range(1, 3):
@@ -116,7 +116,7 @@ def ring_of(triangle: I64, ring: I64) -> int:
     for i in range(3):
         at = (least + i) % 3
         kept = append(ring, kept, triangle[at, 0], triangle[at, 1], triangle[at, 2])
-    return 3 if closed(ring, kept) == 3 else 0
+    return 3 if kept == 3 else 0
 
 
 @part
@@ -164,7 +164,7 @@ def between(
         rising = here < there
         kept = append_cut(ring, i, j, axis, low if rising else high, out, kept)
         kept = append_cut(ring, i, j, axis, high if rising else low, out, kept)
-    return closed(out, kept)
+    return kept
 
 
 @part
@@ -198,14 +198,6 @@ def append(ring: I64, kept: int, x: int, y: int, z: int) -> int:
 
 
 @part
-def closed(ring: I64, kept: int) -> int:
-    """Corners without a last one that is the first again."""
-    if kept > 1 and are_same(ring, 0, kept - 1):
-        return kept - 1
-    return kept
-
-
-@part
 def are_same(ring: I64, i: int, j: int) -> bool:
     return ring[i, 0] == ring[j, 0] and ring[i, 1] == ring[j, 1] and ring[i, 2] == ring[j, 2]
 
@@ -218,7 +210,7 @@ def write_fan(ring: I64, count: int, block: int, rows: Rows, begin: int) -> int:
     returns : int   the row behind them
     """
     for i in range(1, count - 1):
-        if are_same(ring, 0, i) or are_same(ring, 0, i + 1) or are_same(ring, i, i + 1):
+        if are_same(ring, 0, i) or are_same(ring, 0, i + 1):
             continue
         if rows.shape[0]:
             rows[begin, 0] = block

@@ -71,6 +71,17 @@ def test_the_pieces_of_a_triangle_are_those_of_the_rule_in_rationals(box):
     assert found == piece_oracle.pieces([tuple(p) for p in points.tolist()], 1 << log2)
 
 
+@pytest.mark.parametrize("log2", [1, 2, 3, 5])
+def test_coarsely_snapped_triangles_whose_cut_points_meet_are_cut_by_the_rule_too(log2):
+    # In one of ten of these, rounding moves two points of a ring into a plane that cuts it.
+    rng = np.random.default_rng(log2)
+    for corners in rng.integers(0, 4 << log2, (1500, 3, 3)):
+        found = Counter(
+            piece_oracle.turned(*map(tuple, p)) for p in cut(corners[None], log2, 4).tolist()
+        )
+        assert found == piece_oracle.pieces([tuple(p) for p in corners.tolist()], 1 << log2)
+
+
 @given(boxes(6))
 def test_the_pieces_of_closed_meshes_close_up_across_blocks(box):
     points, log2, blocks = box
