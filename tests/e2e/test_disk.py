@@ -47,6 +47,7 @@ def voxelized(stream, folder, settings):
         ("rough", VoxelizeSettings(resolution=160, keep_geometry=True)),
         ("rough", VoxelizeSettings(resolution=512, sep="26")),
         ("coloured", VoxelizeSettings(resolution=512)),
+        ("rough", VoxelizeSettings(resolution=160, columns=())),
         ("triangle", VoxelizeSettings(resolution=2048)),
     ],
 )
