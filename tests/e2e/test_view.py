@@ -13,6 +13,7 @@ from e2e.program import ENVIRONMENT, gstream, succeed
 from PIL import Image
 from range_server import serving
 
+from gstream_tools.reader_py import BlockFile, open_source
 from gstream_tools.view_gl.__main__ import main
 
 VOXEL = 1.4  # pixels, of the spheres from FRONT; their voxels' corners lie less than that outside
@@ -208,6 +209,27 @@ def test_what_cannot_be_shown_is_said_in_one_line(
     assert captured.out == ""
     assert captured.err.startswith(f"view_gl: {said}")
     assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("how", ["picture", "film"])
+def test_damage_that_only_a_drawn_block_shows_ends_with_4(folder, capsys, how):
+    need_opengl()
+    data = bytearray((folder / "sphere.gsb").read_bytes())
+    with BlockFile(open_source(str(folder / "sphere.gsb"))) as file:
+        for entry in np.concatenate([file.page(page) for page in range(file.pages)]):
+            if entry["level"] == 0:
+                data[int(entry["occupancy"]["offset"])] ^= 1
+    (folder / "hurt.gsb").write_bytes(data)
+    keys = [{"time": t, "azimuth": 0} for t in (0, 3)]
+    (folder / "hurt.json").write_text(json.dumps({"fps": 10, "keys": keys}))
+    paths = [str(folder / name) for name in ("hurt.gsb", "hurt.png", "hurt.json", "hurt")]
+    film = ["--path", paths[2], "--frames", paths[3]]
+    end = film if how == "film" else ["--offscreen", paths[1]]
+    assert main([paths[0], "--pixel-error", "0", "-q", *SMALL, *end]) == 4
+    said = capsys.readouterr().err
+    assert said.startswith(f"view_gl: {paths[0]}: column 'occupancy' of block ")
+    assert said.endswith("has another CRC [GSB-0411]\n")
+    assert said.count("\n") == 1
 
 
 def test_a_server_without_ranges_is_refused(folder, capsys):

@@ -218,6 +218,18 @@ def test_a_resized_window_is_filled(viewer):
     np.testing.assert_allclose(centre(picture), (250, 200), atol=25)
 
 
+def test_a_window_shows_a_scene_for_as_many_frames_as_are_asked_for(display, torus, tmp_path):
+    (tmp_path / "s.toml").write_text(
+        "camera = {samples = 4, sraa = true}\n[[light]]\ndirection = [-1, 1, -2]\nshadows = true\n"
+    )
+    command = [sys.executable, "-m", "gstream_tools.view_gl", torus.path, "--scene", "s.toml"]
+    done = subprocess.run(
+        [*command, "--window-frames", "3"], cwd=tmp_path, timeout=HANGS, capture_output=True,
+        text=True, check=False, env={**os.environ, "DISPLAY": display},
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 def test_a_still_picture_costs_nothing(viewer):
     window = viewer("--pixel-error", "3")
     window.picture()
