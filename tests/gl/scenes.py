@@ -8,9 +8,10 @@ import numpy as np
 
 import gstream
 from gstream_tools.reader_py import BlockFile, open_source
-from gstream_tools.scene import Facts, resolve, scene_of
+from gstream_tools.scene import resolve, scene_of
 from gstream_tools.view_gl.camera import View, fit
 from gstream_tools.view_gl.frame import Renderer
+from gstream_tools.view_gl.session import facts_of
 
 LIGHT = {"light": [{"direction": [-1, 1, -1.5]}], "budget": {"io": "sync"}}
 
@@ -89,11 +90,7 @@ def renderer(context, path, size=(160, 120), cut="shader", **tables):
         given[name] = {**given.get(name, {}), **value} if isinstance(value, dict) else value
     scene = scene_of(given)
     file = BlockFile(open_source(str(path)))
-    facts = Facts(
-        columns=frozenset(file.columns.values()), levels=file.levels, blocks=file.blocks,
-        voxels=sum(file.level_voxels),
-    )  # fmt: skip
-    return Renderer(context, file, scene, resolve(scene, facts), size, cut=cut)
+    return Renderer(context, file, scene, resolve(scene, facts_of(file)), size, cut=cut)
 
 
 def camera_from(file, direction, size, zoom=1.0, aside=(0.0, 0.0)):

@@ -174,7 +174,7 @@ def test_a_stale_pool_slot_changes_the_picture(context, torus, monkeypatch):
     """What the picture tests rest on: voxels that were not moved are seen."""
     camera = around(1, 4)
     right, _ = pictures(context, torus.path, camera)
-    monkeypatch.setattr("gstream_tools.view_gl.buffers.VoxelBuffer._scatter", _shifted)
+    monkeypatch.setattr("gstream_tools.view_gl.buffers.PoolBuffer._scatter", _shifted)
     wrong, _ = pictures(context, torus.path, camera)
     assert not np.array_equal(right[0], wrong[0])
 

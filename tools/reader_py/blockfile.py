@@ -59,6 +59,7 @@ class BlockFile:
         self.block_log2 = head.block_log2
         self.normal_bits = head.normal_bits
         self.separability = head.separability
+        self.snap_bits = head.snap_bits
         self.faces = head.faces
         self.matrix = head.matrix
         self.box = head.box

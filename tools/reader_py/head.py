@@ -67,6 +67,7 @@ class Head:
     file_bytes: int
     content_id: bytes
     resolution: int
+    snap_bits: int  # vertices were snapped to 2^-k of a finest voxel
     levels: int
     block_log2: int
     separability: int
@@ -127,8 +128,8 @@ def parse_head(data: bytes) -> Head:
     level_blocks, level_voxels = _levels(bodies[0], levels, log2, blocks)
     stated = TAIL_MAGIC + data[32:56] + crc + bytes(20)
     return Head(
-        head_bytes, file_bytes, content_id, resolution, levels, log2, separability, codes[1],
-        normal_bits, matrix, box, blocks, opening_bytes, pages, depth,
+        head_bytes, file_bytes, content_id, resolution, snap_bits, levels, log2, separability,
+        codes[1], normal_bits, matrix, box, blocks, opening_bytes, pages, depth,
         _columns(bodies[1], column_rows, {3: normal_bits, VERTEX: log2 + snap_bits + 1}),
         level_blocks, level_voxels,
         bodies[2], _metadata(bodies[3]), body_end, stated + crc32(stated).to_bytes(4, "little"),

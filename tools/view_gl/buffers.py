@@ -1,4 +1,4 @@
-"""The voxels on the GPU: one buffer, in which a pool says where each block lies (thesis, 4.4)."""
+"""Blocks on the GPU: a buffer, in which a pool says where each of them lies (thesis, 4.4)."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ STAGING_BYTES = 4 << 20
 WORD = 4
 
 
-class VoxelBuffer:
-    """Blocks of voxels of `stride` words each, by row of the tree."""
+class PoolBuffer:
+    """Voxels, vertices or triangles of `stride` words each, of blocks by row of the tree."""
 
     def __init__(self, context: moderngl.Context, capacity: int, stride: int) -> None:
         self._context = context
@@ -25,6 +25,15 @@ class VoxelBuffer:
         self.buffer = context.buffer(reserve=max(capacity, 1) * stride * WORD, dynamic=True)
         self._staging = context.buffer(reserve=STAGING_BYTES, dynamic=True)
         self.uploaded = 0  # bytes, since the start
+
+    def make_room(self, node: int, count: int) -> bool:
+        """Give a block a place, moving the others together if need be; is there room at all?"""
+        if self.pool.nearly_full:
+            self.move(self.pool.defragment())
+        if self.pool.resurrect(node) or self.pool.allocate(node, count) is not None:
+            return True
+        self.move(self.pool.defragment())
+        return self.pool.allocate(node, count) is not None
 
     def upload(self, blocks: Sequence[tuple[int, Words]]) -> None:
         """Write blocks to where the pool has them.

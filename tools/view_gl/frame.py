@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..reader_py import BlockFile
-from ..scene import Resolution, Scene
+from ..scene import Resolution, Scene, SceneError
 from . import look, shadow
-from .buffers import WORD, VoxelBuffer
+from .buffers import WORD, PoolBuffer
 from .camera import Camera, View
 from .deform import Deformation
 from .draw import Appearance, Painter
+from .hybrid import SourceTriangles
 from .loader import Loader, Wish, Words
 from .sraa import DeferredTarget
 from .stencil import Where, without_cut
@@ -67,13 +68,20 @@ class Renderer:
         self._samples = scene.camera.samples
         self._context = context
         self._columns = [name for name in ATTRIBUTES if name in resolution.columns]
-        self.loader = Loader(file, self._columns)
+        self._source: SourceTriangles | None = None
+        if "hybrid" in resolution.effects:
+            if "SRAA" in resolution.defines:
+                said = "source triangles have no numbers that samples could find"
+                raise SceneError(scene.path, "camera.sraa", said, "leave out sraa, or hybrid")
+            pool, colour = scene.budget.pool_bytes, "colour" in resolution.columns
+            self._source = SourceTriangles(context, file, pool, colour=colour)
+        self.loader = Loader(file, self._columns, self._source)
         file.load_opening()
         self.tree = Tree(file)
         self._read_roots()
         stride = self.loader.stride
         room = min(scene.budget.pool_bytes // (stride * WORD), sum(file.level_voxels))
-        self.voxels = VoxelBuffer(context, max(room, 1), stride)
+        self.voxels = PoolBuffer(context, max(room, 1), stride)
         self.tint(tint)
         kind = resolution.defines.get("DEFORM", 0)
         self._deformation = Deformation.of(scene, kind, file.matrix, file.box)
@@ -130,17 +138,20 @@ class Renderer:
 
     def frame(self, camera: Camera) -> Frame:
         """Draw one frame with what is there, and ask for what is not."""
-        before = self.voxels.uploaded
+        before = self._uploaded
         loaded = self.loader.take()
         self.tree.rows_of_pages(loaded.pages)
         self._grow()
         self._waiting += [block for block in loaded.blocks if not self._resident[block[0]]]
         changed = self._upload(self.upload_limit)
+        if self._source is not None:
+            self._source.waiting += loaded.sources
+            changed |= self._source.upload(self.upload_limit)
         view = self._view(camera)
         lights = self._light_views()
         cuts = self._walk(view, lights)
         if self.synchronous and not self.paused:
-            while wish := self._wish(cuts):
+            while (wish := self._wish(cuts)).pages or wish.nodes:
                 self.tree.rows_of_pages(wish.pages)
                 self._grow()
                 self._waiting = self.loader.read(self.tree.entries, wish.nodes)
@@ -148,9 +159,14 @@ class Renderer:
                     break
                 changed = True
                 cuts = self._walk(view, lights)
+            if self._source is not None and (sources := self._sources(cuts[0])):
+                self._source.waiting = self._source.read(self.tree.entries, sources)
+                changed |= self._source.upload(None)
         else:
             self.loader.ask(Wish() if self.paused else self._wish(cuts), self.tree.entries)
         self._keep(cuts)
+        if self._source is not None:
+            self._source.keep(cuts[0].undersampled)
         state = (camera, self._size, self.pixel_error, self._relief, self.closed, self.occlusion)
         if changed or state != self._last:
             self._picture += 1
@@ -159,20 +175,24 @@ class Renderer:
         self._draw(cuts, view, lights)
         self.last_cut = cuts[0]
         cut, wish = cuts[0], self._wish(cuts)
-        wanted = len(wish.nodes) + len(wish.pages)
+        wanted = len(wish.nodes) + len(wish.pages) + len(wish.sources)
         drawn = cut.drawn
         return Frame(
             blocks=len(drawn),
             probes=len(cut.probes),
             voxels=int(self.tree.count[drawn].sum()),
             wanted=wanted,
-            uploaded=self.voxels.uploaded - before,
+            uploaded=self._uploaded - before,
             converged=(self.paused or not (wanted or self._waiting))
             and same
             and self._history.settled,
             pixel_error=self.pixel_error * self._relief,
             deepest=int(self.tree.level[drawn].min()) if len(drawn) else -1,
         )
+
+    @property
+    def _uploaded(self) -> int:
+        return self.voxels.uploaded + (0 if self._source is None else self._source.uploaded)
 
     def converge(self, camera: Camera, frames: int = 10_000) -> Frame:
         """Draw until nothing changes any more, or so many frames."""
@@ -245,7 +265,14 @@ class Renderer:
         on_way = {node for node, _ in self._waiting}
         nodes = dict.fromkeys(node for cut in cuts for node in cut.wanted.tolist())
         pages = frozenset(page for cut in cuts for page in cut.pages)
-        return Wish(pages, [node for node in nodes if node not in on_way])
+        wanted = [node for node in nodes if node not in on_way]
+        return Wish(pages, wanted, self._sources(cuts[0]))
+
+    def _sources(self, cut: Cut) -> list[int]:
+        """The blocks whose source triangles are to be read: not those that a stencil may touch."""
+        if self._source is None or self._stencils:
+            return []
+        return self._source.lacking(self.tree, cut.undersampled)
 
     def _upload(self, limit: int | None) -> bool:
         """Upload what was read, up to so many bytes but one block at least; was there anything?"""
@@ -313,7 +340,11 @@ class Renderer:
         middle = view.eye if view.perspective else self._deformation.pivot
         origin = np.floor(middle).astype(np.int64)
         casters = [light.drawn for light in cuts[1:]]
-        self.painter.begin(tree, [cut.drawn, probes, *casters], origin)
+        as_triangles = np.zeros(len(cut.drawn), np.bool_)
+        if self._source is not None:
+            as_triangles = self._source.drawable(cut.drawn)
+        drawn, sources = cut.drawn[~as_triangles], cut.drawn[as_triangles]
+        self.painter.begin(tree, [drawn, probes, sources, *casters], origin)
         edges = [float(tree.edge[nodes].max(initial=1.0)) for nodes in casters]
         appearance = Appearance(
             look.uniforms(self.scene, self.file, origin)
@@ -321,21 +352,25 @@ class Renderer:
             | shadow.uniforms(lights, edges, origin)
         )
         if self._maps is not None:
-            self._shade(lights, casters, len(cut.drawn) + len(probes), origin, appearance)
-        drawn = cut.drawn
+            first = len(drawn) + len(probes) + len(sources)
+            self._shade(lights, casters, first, origin, appearance)
         boxes = self._boxes
         pixels = view.voxel_pixels(boxes.low[drawn], boxes.high[drawn], boxes.edge[drawn])
         target.clear(self.scene.shade.background)
+        if self._source is not None:
+            first = len(drawn) + len(probes)
+            blocks = {node: first + i for i, node in enumerate(sources.tolist())}
+            self.painter.geometry(target, view, origin, self._source, blocks, appearance)
         self.painter.voxels(
             target, view, origin, len(drawn), appearance, float(pixels.max(initial=0.0))
         )
-        count = len(drawn) + len(probes)
         if self.occlusion:
             self.painter.probes(
                 target, view, origin, len(drawn), len(probes), int(fresh.sum()), appearance
             )
             passed = np.zeros(len(tree), np.bool_)
-            passed[np.concatenate((drawn, probes))] = self.painter.flags(count)
+            tested = np.concatenate((drawn, probes, sources))
+            passed[tested] = self.painter.flags(len(tested))
             self._history.update(tree, cut, passed, self._picture)
         if isinstance(target, DeferredTarget):
             self.painter.shade(target, view, origin, appearance)

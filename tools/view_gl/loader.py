@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..reader_py import BlockFile
+from .hybrid import COLUMNS, Pieces, SourceTriangles
 
 BATCH_BYTES = 1 << 20  # read at once: what the thread cannot be called back from
 
@@ -27,9 +28,10 @@ class Wish:
 
     pages: frozenset[int] = frozenset()
     nodes: Sequence[int] = ()
+    sources: Sequence[int] = ()  # blocks whose source triangles are wanted, after all others
 
     def __bool__(self) -> bool:
-        return bool(self.pages or self.nodes)
+        return bool(self.pages or self.nodes or self.sources)
 
 
 @dataclass(slots=True)
@@ -38,6 +40,7 @@ class Loaded:
 
     pages: list[int] = field(default_factory=list)
     blocks: list[tuple[int, Words]] = field(default_factory=list)  # row of the tree, (n, stride)
+    sources: list[Pieces] = field(default_factory=list)
     failure: Exception | None = None
 
 
@@ -45,10 +48,14 @@ class Loader:
     """Reads blocks in a thread of its own, or at once.
 
     columns : what a voxel's words hold after the first, which is place and mask: normal, colour
+    source : reads source triangles, of a scene that calls for them
     """
 
-    def __init__(self, file: BlockFile, columns: Sequence[str]) -> None:
+    def __init__(
+        self, file: BlockFile, columns: Sequence[str], source: SourceTriangles | None = None
+    ) -> None:
         self._file = file
+        self._source = source
         self._names = ["occupancy", "mask", *columns]
         self._changed = threading.Condition()
         self._wish = Wish()
@@ -76,7 +83,9 @@ class Loader:
         with self._changed:
             known = {*self._reading.nodes, *(node for node, _ in self._done.blocks)}
             nodes = [node for node in wish.nodes if node not in known]
-            self._wish, self._entries = Wish(wish.pages, nodes), entries
+            known = {*self._reading.sources, *(pieces.node for pieces in self._done.sources)}
+            sources = [node for node in wish.sources if node not in known]
+            self._wish, self._entries = Wish(wish.pages, nodes, sources), entries
             self._changed.notify()
 
     def take(self) -> Loaded:
@@ -92,7 +101,8 @@ class Loader:
     def idle(self) -> bool:
         """Is nothing asked for, being read or to be taken?"""
         with self._changed:
-            done = self._done.pages or self._done.blocks or self._done.failure
+            read = self._done.pages or self._done.blocks or self._done.sources
+            done = read or self._done.failure
             return not (self._wish or self._reading or done)
 
     def close(self) -> None:
@@ -120,24 +130,36 @@ class Loader:
                     done.pages.append(page)
                 if reading.nodes:
                     done.blocks = self.read(entries, reading.nodes)
+                if reading.sources and self._source is not None:
+                    done.sources = self._source.read(entries, reading.sources)
             except Exception as error:  # told to the main thread, whatever it is
                 done.failure = error
             with self._changed:
                 self._done.pages += done.pages
                 self._done.blocks += done.blocks
+                self._done.sources += done.sources
                 self._done.failure = self._done.failure or done.failure
                 if done.failure is not None:
                     self._wish = Wish()
 
     def _split(self, wish: Wish) -> tuple[Wish, Wish]:
         """The front of a list, all its pages or blocks up to the size of a batch, and the rest."""
+        nodes, sources = wish.nodes, wish.sources
         if wish.pages:
-            return Wish(pages=wish.pages), Wish(nodes=wish.nodes)
+            return Wish(pages=wish.pages), Wish(nodes=nodes, sources=sources)
+        if nodes:
+            count = self._batch(nodes, self._names)
+            return Wish(nodes=nodes[:count]), Wish(nodes=nodes[count:], sources=sources)
+        count = self._batch(sources, COLUMNS)
+        return Wish(sources=sources[:count]), Wish(sources=sources[count:])
+
+    def _batch(self, nodes: Sequence[int], names: Sequence[str]) -> int:
+        """How many blocks from the front make a batch."""
         size, count = 0, 0
-        while count < len(wish.nodes) and size < BATCH_BYTES:
-            size += stored_bytes(self._entries[wish.nodes[count]], self._names)
+        while count < len(nodes) and size < BATCH_BYTES:
+            size += stored_bytes(self._entries[nodes[count]], names)
             count += 1
-        return Wish(nodes=wish.nodes[:count]), Wish(nodes=wish.nodes[count:])
+        return count
 
     def _words(self, block: dict[str, NDArray[Any]]) -> Words:
         """(n, stride) u32: place and mask, then normal x | y << 16, colour R | … | A << 24."""

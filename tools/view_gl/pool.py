@@ -41,6 +41,10 @@ class Pool:
     def __contains__(self, key: int) -> bool:
         return key in self._used
 
+    def blocks(self) -> list[int]:
+        """The blocks in use."""
+        return list(self._used)
+
     def __len__(self) -> int:
         return len(self._used)
 

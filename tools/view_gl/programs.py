@@ -16,6 +16,7 @@ FACES = (("common", "stencil", "shade", "voxel.vert"), ("common", "faces.geom"),
 SPRITES = (("common", "stencil", "shade", "sprite", "voxel.vert"), (), ("common", "sprite.frag"))
 # Probes and shadows have no colour: only the depth test, and flags, which early tests guard.
 DEPTHS = (("common", "stencil", "voxel.vert"), ("common", "faces.geom"), ("depths.frag",))
+PIECES = (("common", "piece.vert"), ("common", "shade", "piece.geom"), ("faces.frag",))
 COLOUR_DEFINES = ("COLOUR", "LIT", "SPECULAR", "SHADOW", "LIGHTS", "TINT")
 # What is drawn as the screen's triangle, by the last part's name.
 SCREEN = {
@@ -46,6 +47,10 @@ class Programs:
         """Faces without colour: a light's depths, or with OCCLUSION the probes."""
         plain = {key: value for key, value in defines.items() if key != "SRAA"}
         return self._program(name, DEPTHS, {**_without_colour(plain), "DEPTHS": 1})
+
+    def pieces(self, defines: Mapping[str, int]) -> moderngl.Program:
+        """Source triangles."""
+        return self._program("pieces", PIECES, defines)
 
     def screen(self, name: str, defines: Mapping[str, int]) -> moderngl.Program:
         """A pass over the screen's pixels."""
