@@ -70,7 +70,7 @@ def test_streamed_triangles_end_in_the_picture_of_the_synchronous_mode(context, 
 
 
 def test_triangles_that_do_not_fit_leave_voxels_and_no_hole(context, model):
-    renderer = scenes.renderer(context, model.path, SIZE, **HYBRID)
+    renderer = scenes.renderer(context, model.path, SIZE, lod={"pixel_error": 0.5}, **HYBRID)
     renderer._source.triangles.pool.capacity = 1500
     silhouette = scenes.Silhouette(context, model, renderer.file, SIZE)
     for camera in cameras(renderer.file, 5, seed=4, zoom=0.7):

@@ -235,7 +235,7 @@ def test_a_still_picture_costs_nothing(viewer):
     window.picture()
     before = window.cpu_seconds()
     time.sleep(3)
-    assert window.cpu_seconds() == before
+    assert window.cpu_seconds() - before < 0.1
     window.do("mousemove", "--window", window.window, 50, 60)  # and nothing happens
     time.sleep(0.5)
     assert window.cpu_seconds() - before < 0.1

@@ -28,6 +28,8 @@ class PoolBuffer:
 
     def make_room(self, node: int, count: int) -> bool:
         """Give a block a place, moving the others together if need be; is there room at all?"""
+        if node in self.pool:
+            return True
         if self.pool.nearly_full:
             self.move(self.pool.defragment())
         if self.pool.resurrect(node) or self.pool.allocate(node, count) is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from ctypes import c_void_p, cast
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -33,6 +34,23 @@ PLACES = {
 }  # where they are on a US keyboard
 
 
+class CurrentContext:
+    """Where moderngl finds OpenGL's functions: in the window's context, of X11 or Wayland alike."""
+
+    def load_opengl_function(self, name: str) -> int:
+        """The address of a function, 0 where there is none."""
+        return cast(glfw.get_proc_address(name), c_void_p).value or 0
+
+    def __enter__(self) -> CurrentContext:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """The context stays current: there is no other one."""
+
+    def release(self) -> None:
+        """glfw does that."""
+
+
 class Window:
     """A window on a session, until it is closed.
 
@@ -44,7 +62,7 @@ class Window:
         self._session = session
         self._handle = _open(size, _name(session))
         try:
-            context = moderngl.create_context(require=450)
+            context = moderngl.create_context(require=450, context=CurrentContext())  # type: ignore[arg-type]
             shown = glfw.get_framebuffer_size(self._handle)
             self._renderer = session.renderer(context, shown, tint=tint)
             self._screen = Screen(context)
