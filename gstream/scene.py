@@ -4,6 +4,7 @@ Source: spec/scene.md, with its tables scene-keys.toml and effects.toml, which d
 makes of it is in run/wanted.py; what a picture makes of it is a viewer's business.
 """
 
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -157,8 +158,7 @@ class _Check:
 
 
 def _place(at: str, key: str) -> str:
-    bare = key.replace("_", "").replace("-", "")
-    name = key if bare.isascii() and bare.isalnum() else repr(key)
+    name = key if re.fullmatch(r"[\w-]+", key, re.ASCII) else repr(key)
     return f"{at}.{name}" if at else name
 
 

@@ -18,6 +18,7 @@ REFUSED = {  # keys that call for what is refused, where they are not 0
 JUNK = st.sampled_from(
     [True, 0, -1, 7, 0.5, 1e300, float("nan"), "", "x", [], [1], [0, 0, 0], [1, 2, True], {}, [{}]]
 )
+UNKNOWN = ["wrong", "_", "-0", "", "a b", "a.b", "ä", "\n"]
 FACTS = st.fixed_dictionaries(
     {
         "columns": st.sets(st.sampled_from(["normal", "colour", "geometry"])).map(
@@ -85,7 +86,7 @@ def damaged(draw: st.DrawFn) -> dict[str, Any]:
     held = scene.setdefault(name, {})
     row = held[0] if isinstance(held, list) and held else held
     if isinstance(row, dict):
-        row[draw(st.sampled_from([*KEYS[name], "wrong"]))] = draw(JUNK)
+        row[draw(st.sampled_from([*KEYS[name], *UNKNOWN]))] = draw(JUNK)
     else:
         scene[name] = draw(JUNK)
     return scene
