@@ -181,7 +181,7 @@ class Filling:
             if block is not None:
                 yield key * parts + part, block, here
         if self.settings.keep_geometry:
-            self.counts["pieces"] += len(cut.rows) - cut.left
+            self.counts["pieces"] += len(cut.blocks) - cut.left
             self.counts["pieces_left_out"] += cut.left
 
     def _add_triangles(self, box: Box, buffer: PieceBuffer, low: Array) -> None:

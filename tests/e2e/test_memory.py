@@ -32,9 +32,12 @@ def limited() -> Iterator[Path]:
     group.rmdir()
 
 
-def test_a_job_ends_well_in_a_control_group_of_the_memory_that_it_was_given(limited, tmp_path):
+@pytest.mark.parametrize("more", [("--sep", 26), ("--keep-geometry",)])
+def test_a_job_ends_well_in_a_control_group_of_the_memory_that_it_was_given(
+    limited, tmp_path, more
+):
     write_sphere(tmp_path / "a.ply", 400_000)
-    build = ("build", "a.ply", "--resolution", 500, "--sep", 26, "--workers", 2)
+    build = ("build", "a.ply", "--resolution", 500, "--workers", 2, *more)
     succeed(tmp_path, *build, "-o", "free.gsb")  # compiles, if need be: not what is tested
     done = subprocess.run(
         [PROGRAM, *map(str, build), "-o", "a.gsb", "--memory", f"{MEMORY}", "--report", "r.json"],

@@ -84,6 +84,12 @@ def test_pieces_too_many_for_the_memory_are_cut_part_by_part_into_the_same_bytes
         build(mesh, tmp_path / "c.gsb")
 
 
+def test_a_block_with_more_pieces_than_a_column_holds_is_refused(mesh, tmp_path, monkeypatch):
+    monkeypatch.setattr(piece_buffer, "MOST_ITEMS", 20)
+    with pytest.raises(RefusedError, match="source triangles, too many for its column"):
+        build(mesh, tmp_path / "a.gsb")
+
+
 @pytest.mark.parametrize("sep", ["6", "26", "conservative"])
 def test_the_pieces_have_the_area_that_the_ledger_states(mesh, tmp_path, sep):
     path = build(mesh, tmp_path / "a.gsb", sep=sep)
