@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from e2e.meshes import Ints, sphere, write_ply
 from e2e.test_same_bytes import scene
+from exact import piece_oracle
 
 import gstream
 from gstream.digests import block_file_content
@@ -137,6 +138,19 @@ def test_a_block_that_would_have_pieces_and_no_voxel_gets_the_voxels_that_they_t
     pruned = [ledger_of(path)["area_pruned"] for path in (kept, plain)]
     strip = 0.4 * 2**0.5 * 40 * 2**26  # of the face, in a column of blocks that had no voxel
     assert pruned[1] - pruned[0] == pytest.approx(3 * strip, rel=1e-3)
+
+
+def test_what_rounding_moves_into_a_block_without_voxels_is_left_out_and_counted(tmp_path):
+    # A needle, and points that lay the grid: at half voxels one piece is rounded into block
+    # (3, 4, 5), which the needle does not touch.
+    needle = [[13, 84, 62], [121, 25, 113], [66, 56, 87]]
+    points = np.array([*needle, *[[0, 0, 0]] * 3, *[[127, 127, 127]] * 3]) / 2
+    mesh = write_ply(tmp_path / "n.ply", points, np.arange(9).reshape(3, 3))
+    path = build(mesh, tmp_path / "a.gsb", resolution=None, voxel_size=1.0, block=8, snap_bits=1)
+    ledger = ledger_of(path)
+    every = sum(piece_oracle.pieces([tuple(p) for p in needle], 16).values())
+    assert (ledger["pieces"], ledger["pieces_left_out"]) == (every - 1, 1)
+    assert gstream.check(path).ok
 
 
 def test_levels_made_anew_keep_the_pieces(mesh, tmp_path):
