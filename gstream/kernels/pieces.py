@@ -20,7 +20,7 @@ from gstream.kernels.morton import decode_codes, encode, encode_points
 I64 = NDArray[np.int64]
 Rows = NDArray[np.int32]
 
-POINTS = 16  # a triangle cut by six planes has at most 9
+POINTS = 16  # each axis cuts a ring at most twice at each of two planes: 3, 7, 11, 15
 ROW = 10  # Morton code of the block, then three corners
 AXES = 3
 
