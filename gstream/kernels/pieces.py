@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gstream.kernels import kernel, part
 from gstream.kernels.morton import decode_codes, encode, encode_points
+from gstream.kernels.voxelize import BoxFullError
 
 I64 = NDArray[np.int64]
 Rows = NDArray[np.int32]
@@ -25,7 +26,7 @@ ROW = 10  # Morton code of the block, then three corners
 AXES = 3
 
 
-def cut_at_borders(corners: I64, block_log2: int, room: I64) -> Rows:
+def cut_at_borders(corners: I64, block_log2: int, room: I64, most: int = 1 << 40) -> Rows:
     """The pieces of triangles in the blocks of a box.
 
     corners : (n, 3, 3) i8   snap units relative to the box's low corner
@@ -33,10 +34,13 @@ def cut_at_borders(corners: I64, block_log2: int, room: I64) -> Rows:
     room : (3,) i8   extent of the box, snap units
     returns : (m, 10) i4   Morton code of the block in the box; three corners relative to the
         block's low corner, no two the same
+    errors : BoxFullError for more than `most` pieces, before there is memory for them
     """
     # Scans have 1.1 to 1.3 pieces a triangle: counting first would cut nearly all of them twice.
     rows = np.empty((2 * len(corners), ROW), np.int32)
     count = cut(corners, block_log2, room, rows)
+    if count > most:
+        raise BoxFullError
     if count > len(rows):
         rows = np.empty((count, ROW), np.int32)
         cut(corners, block_log2, room, rows)

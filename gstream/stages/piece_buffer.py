@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from gstream.errors import RefusedError
 from gstream.formats.pieces import MOST_ITEMS, NO_PIECES, Pieces
 from gstream.kernels.pieces import ROW, Rows, cut_at_borders, indexed
-from gstream.kernels.voxelize import BoxFullError
 
 PIECE_BYTES = 260  # measured: 221 where all are in one block, 102 where many blocks share them
 
@@ -30,10 +29,8 @@ class PieceBuffer:
 
         errors : BoxFullError
         """
-        rows = cut_at_borders(corners, self.block_log2, self.room)
+        rows = cut_at_borders(corners, self.block_log2, self.room, self.limit - self.held)
         self.held += len(rows)
-        if self.held > self.limit:
-            raise BoxFullError
         self.parts.append(rows)
 
     def by_block(self) -> "PiecesByBlock":

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gstream.kernels.morton import decode_codes
 from gstream.kernels.pieces import cut_at_borders, indexed
+from gstream.kernels.voxelize import BoxFullError
 
 Ints = NDArray[np.int64]
 
@@ -150,6 +151,15 @@ def test_a_triangle_in_a_border_is_in_the_block_above_alone():
         corners[:, axis] = 8
         rows = cut_at_borders(corners[None], 3, np.full(3, 32))
         assert rows[:, 0].tolist() == [1 << axis]
+
+
+def test_more_pieces_than_there_is_room_for_are_refused():
+    corners, room = np.array([[[0, 0, 0], [4000, 3, 0], [3, 4000, 900]]]), np.full(3, 4096)
+    count = len(cut_at_borders(corners, 3, room))
+    assert count > 100_000
+    assert len(cut_at_borders(corners, 3, room, count)) == count
+    with pytest.raises(BoxFullError):
+        cut_at_borders(corners, 3, room, count - 1)
 
 
 @pytest.mark.parametrize("end", [5, 8, 13])
