@@ -53,7 +53,9 @@ def accuracy(
     Turns every knob on scenes whose surface is known exactly, or on FILE, a mesh or a geometry
     stream, which is then its own true surface; one process after another. Writes report.json,
     report.md and report.html; prints the price of each knob. The plots of the page need matplotlib:
-    pip install 'gstream[report]'.
+    pip install 'gstream[report]'. Knobs of the viewer need OpenGL and 'gstream[gl]'; on the small
+    scenes only those are turned that --knob names: pixel-error, samples, sraa, occlusion, refine,
+    upload-per-frame.
 
     \b
     gstream report accuracy -o accuracy
@@ -80,6 +82,8 @@ def accuracy(
     elif not quiet:
         for series, said in zip(found.series, prices, strict=True):
             click.echo(f"{series.knob.title}, {series.scene}: {said}")
+        for note in found.notes:
+            click.echo(note)
 
 
 def _made(folder: Path) -> Path:

@@ -4,9 +4,7 @@ A point has the median of its runs' CPU seconds, the counts that are the same in
 its errors against the truth. Runs one after another, so that they do not slow each other.
 """
 
-import json
 import os
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +14,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from gstream.errors import GstreamError, UsageError
-from gstream.job import IngestSettings
 from gstream.read import open_block_file
 from gstream.report.knobs import (
     BYTES,
@@ -26,8 +23,8 @@ from gstream.report.knobs import (
     knobs,
     settings_at,
 )
-from gstream.report.results import Plan, Point, Report, Series
-from gstream.report.truth.mesh import scene_of_stream
+from gstream.report.results import Plan, Report, Samples, Series
+from gstream.report.runs import fresh, prepared
 from gstream.report.truth.metrics import (
     Content,
     corners_of,
@@ -39,10 +36,9 @@ from gstream.report.truth.metrics import (
     read_content,
 )
 from gstream.report.truth.oracle import exact_voxels
-from gstream.report.truth.scene import Floats, Scene, write_ply
+from gstream.report.truth.scene import Floats
 from gstream.report.truth.scenes import SCENES
-from gstream.run import commands
-from gstream.run.commands import RunOptions
+from gstream.report.views import NoViewerError, Views
 from gstream.run.progress import Progress, StageBegins, StageEnds, UnitDone
 
 SETS = {"small": (("sphere",), 96), "all": (tuple(SCENES), 256)}  # scenes, voxels per axis
@@ -65,8 +61,8 @@ def plan_of(scenes: str, file: str | None, names: Sequence[str], runs: int) -> P
         if name not in known:
             raise UsageError(f"there is no knob {name!r}", f"give one of {', '.join(known)}")
     turned = [knob for knob in known.values() if not names or knob.name in names]
-    if scenes == "small" and not file:
-        turned = [fewer(knob) for knob in turned]
+    if scenes == "small" and not file:  # to end in two minutes: pictures take one more
+        turned = [fewer(knob) for knob in turned if names or not knob.key]
     return Plan(chosen, resolution, tuple(turned), runs)
 
 
@@ -76,39 +72,22 @@ def measure(plan: Plan, progress: Progress, tmp: str | None = None) -> Report:
     tmp : folder for scratch, removed at the end; None = the system's
     errors : GstreamError where a run fails or its counts cannot be right
     """
-    about, series = [], []
-    for number, name in enumerate(plan.scenes):
+    about, series, notes = [], [], []
+    for number, name in enumerate(plan.scenes if any(not k.key for k in plan.knobs) else ()):
         with TemporaryDirectory(prefix="gstream-report-", dir=tmp) as folder:
             bench = _Bench(name, plan, Path(folder), progress, first=number == 0)
             series += bench.series()
             about.append(bench.about())
+    if any(knob.key for knob in plan.knobs):
+        with TemporaryDirectory(prefix="gstream-report-", dir=tmp) as folder:
+            try:
+                series += Views(plan, Path(folder), progress).series()
+            except NoViewerError as error:
+                notes.append(f"the viewer's knobs are left out: {error}")
     order = {knob.name: place for place, knob in enumerate(plan.knobs)}
     series.sort(key=lambda one: order[one.knob.name])
     machine = {"processors": os.cpu_count(), "python": sys.version.split()[0]}
-    return Report(plan, tuple(about), tuple(series), machine)
-
-
-class _Samples:
-    """All runs of one point."""
-
-    def __init__(self, seconds: float | None, counts: Mapping[str, Any]) -> None:
-        self._seconds = [] if seconds is None else [seconds]
-        self._counts, self._rejected = counts, 0
-        self.errors: Mapping[str, float] = {}
-        self.differing: int | None = None
-
-    def add(self, seconds: float | None, counts: Mapping[str, Any]) -> None:
-        """Take a run in, or reject it where it did not do what the first one did."""
-        if counts != self._counts:
-            self._rejected += 1
-        elif seconds is not None:
-            self._seconds.append(seconds)
-
-    def point(self, knob: Knob, value: Any) -> Point:
-        return Point(
-            value, value == knob.default, tuple(self._seconds), self._rejected, self._counts,
-            self.errors, None if knob.error else self.differing or 0,
-        )  # fmt: skip
+    return Report(plan, tuple(about), tuple(series), machine, tuple(notes))
 
 
 class _Bench:
@@ -119,12 +98,13 @@ class _Bench:
     ) -> None:
         self._plan, self._progress = plan, progress
         self._fineness = 2 * plan.resolution  # of a built-in scene: for the largest resolution
-        self._scene, self._stream = _prepared(name, self._fineness, folder)
+        self._scene, self._stream = prepared(name, self._fineness, folder)
         self._output = folder / "scene.gsb"
-        self._samples: dict[tuple[str, Any], _Samples] = {}
+        self._samples: dict[tuple[str, Any], Samples] = {}
         self._of_the_set: dict[tuple[int, str, bytes], dict[str, float | None]] = {}
         self._options = [knob for knob in plan.knobs if knob.field]
-        self._forms = [k for k in plan.knobs if not k.field and (first or not k.scene)]
+        forms = [knob for knob in plan.knobs if not (knob.field or knob.key)]
+        self._forms = [knob for knob in forms if first or not knob.scene]
 
     def series(self) -> list[Series]:
         """Every value once, then all of them again: a machine that slows down slows all alike."""
@@ -165,7 +145,7 @@ class _Bench:
         if key in self._samples:
             self._samples[key].add(report["cpu_seconds"], counts)
         else:
-            self._samples[key] = samples = _Samples(report["cpu_seconds"], counts)
+            self._samples[key] = samples = Samples(report["cpu_seconds"], counts)
             with open_block_file(self._output) as file:
                 content, matrix = read_content(file), file.matrix
             self._check("triangles", counts["triangles"], len(self._scene.triangles))
@@ -186,13 +166,13 @@ class _Bench:
             "resolution": self._plan.resolution,
             "matrix": self._default.matrix.tolist(),
         }
-        for name, results in _fresh("gstream.report.forms", request).items():
+        for name, results in fresh("gstream.report.forms", request).items():
             for result in results:
                 key = (name, result["value"])
                 if key in self._samples:
                     self._samples[key].add(result["seconds"], result["counts"])
                 else:
-                    self._samples[key] = _Samples(result["seconds"], result["counts"])
+                    self._samples[key] = Samples(result["seconds"], result["counts"])
                     self._samples[key].errors = result["errors"]
         self._progress(UnitDone(self._scene.name, FORMS_COST))
 
@@ -202,7 +182,7 @@ class _Bench:
         request = {
             "stream": str(self._stream), "output": str(self._output), "settings": settings
         }  # fmt: skip
-        return dict(_fresh("gstream.report.point", request))
+        return dict(fresh("gstream.report.point", request))
 
     def _errors(
         self, content: Content, matrix: Floats, changed: Mapping[str, Any]
@@ -246,24 +226,6 @@ class _Default:
         return float(self.matrix[0, 0])
 
 
-def _prepared(name: str, fineness: int, folder: Path) -> tuple[Scene, Path]:
-    """A scene and its stream, made in `folder` where the user's file is none."""
-    stream = folder / "scene.gst"
-    if name.endswith(".gst"):
-        return scene_of_stream(Path(name).name, name), Path(name)
-    if name not in SCENES:
-        _ingest(name, stream)
-        return scene_of_stream(Path(name).name, stream), stream
-    scene = SCENES[name](fineness)
-    write_ply(scene, folder / "scene.ply")
-    _ingest(str(folder / "scene.ply"), stream)
-    return scene, stream
-
-
-def _ingest(mesh: str, stream: Path) -> None:
-    commands.ingest(IngestSettings(inputs=(mesh,)), str(stream), RunOptions(workers=0)).run()
-
-
 def _counts(report: Mapping[str, Any], output: Path) -> dict[str, Any]:
     """What a run did and wrote: equal in every run of a point, unlike seconds."""
     stages = {stage["stage"]: stage["counts"] for stage in report["stages"]}
@@ -275,13 +237,3 @@ def _counts(report: Mapping[str, Any], output: Path) -> dict[str, Any]:
         "bytes": len(data),
         "digest": blake2b(data, digest_size=16).hexdigest(),
     }
-
-
-def _fresh(module: str, request: Mapping[str, Any]) -> Any:
-    """What a module says as JSON in a new process."""
-    command = [sys.executable, "-P", "-m", module, json.dumps(request)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        said = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        raise GstreamError(f"a run of the report failed: {said}; request {json.dumps(request)}")
-    return json.loads(done.stdout)

@@ -1,14 +1,14 @@
 """The knobs: what is turned, the values tried, and what each may change.
 
 Most are options of `gstream voxelize`. The others are forms of a step that the program does not
-offer, measured so that the price of the one it has can be read.
+offer, measured so that the price of the one it has can be read; the last are the viewer's.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-BYTES, VOXELS = "bytes", "voxels"  # what must stay equal under a lossless knob
+BYTES, VOXELS, PIXELS = "bytes", "voxels", "pixels"  # what stays equal under a lossless knob
 FORM_RESOLUTION = 256  # the most voxels per axis of forms: they fill one box
 
 
@@ -20,14 +20,17 @@ class Knob:
     values: tuple[Any, ...]
     default: Any
     error: str = ""  # the error that judges it; empty: it must be lossless
-    same: str = ""  # of a lossless knob: BYTES or VOXELS
-    field: str = ""  # of VoxelizeSettings or RunOptions; empty: a form
+    same: str = ""  # of a lossless knob: BYTES, VOXELS or PIXELS
+    field: str = ""  # of VoxelizeSettings or RunOptions
+    key: str = ""  # of a scene (spec/scene.md): the viewer's; without field and key: a form
     costs: tuple[str, ...] = ("seconds", "bytes")
     scene: str = ""  # a form that brings its own
 
     @property
     def title(self) -> str:
         """As a user writes it, or says it."""
+        if self.key:
+            return f"{self.key} of a scene that is viewed"
         return f"--{self.name}" if self.field else f"{self.name} (no option)"
 
 
@@ -39,6 +42,8 @@ UNITS = {
     "colour_mean": "distance from the true colour, mean, codes of 8 bits",
     "faces_missing": "surface without a face, part of all as seen along the axes",
     "order": "voxels that the order of triangles changes",
+    "image_rms": "pixels that show the object, rms, codes of 8 bits",
+    "edge_rms": "pixels that the object covers partly, rms, codes of 8 bits",
 }
 
 
@@ -89,13 +94,23 @@ def knobs(resolution: int) -> tuple[Knob, ...]:
         option("workers", (0, 2), same=BYTES),
         option("memory", (1 << 30, 2 << 30), same=BYTES),
         option("cell", (64, 256), same=BYTES),
+        Knob("pixel-error", (8, 4, 2, 1, 0.5, 0.25), 1, "image_rms", key="lod.pixel_error",
+             costs=("seconds", "bytes", "voxels")),
+        Knob("samples", (1, 2, 4, 8), 4, "edge_rms", key="camera.samples", costs=("seconds",)),
+        Knob("sraa", (False, True), False, "edge_rms", key="camera.sraa", costs=("seconds",)),
+        Knob("occlusion", (False, True), True, same=PIXELS, key="budget.occlusion",
+             costs=("seconds", "bytes", "voxels")),
+        Knob("refine", ("partial", "closed"), "closed", same=PIXELS, key="budget.refine",
+             costs=("frames", "largest")),
+        Knob("upload-per-frame", (1 << 24, 1 << 20, 1 << 18, 1 << 16), 1 << 20, same=PIXELS,
+             key="budget.upload_per_frame", costs=("frames", "largest")),
     )  # fmt: skip
 
 
 def fewer(knob: Knob) -> Knob:
     """An option at its first, default and last value, a lossless one at two of these: starting a
     process takes 2 s."""
-    if not knob.field:
+    if not (knob.field or knob.key):
         return knob
     wanted = {knob.values[0], knob.default, knob.values[-1]}
     if knob.same and len(wanted) > 2:
@@ -105,6 +120,10 @@ def fewer(knob: Knob) -> Knob:
 
 def shown(knob: Knob, value: Any) -> str:
     """A value as a user writes it."""
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if knob.name == "upload-per-frame":
+        return f"{value >> 10}KiB"
     return f"{value >> 30}GiB" if knob.field == "memory" else str(value)
 
 

@@ -7,12 +7,13 @@ from io import StringIO
 from textwrap import wrap
 from typing import IO, Any
 
+from gstream.report import words
 from gstream.report.knobs import UNITS, shown
 from gstream.report.results import Report, Series
 from gstream.report.words import cells, price
 
 MISSING = "Plots need matplotlib: pip install 'gstream[report]'"
-COSTS = {"seconds": "CPU seconds, median", "bytes": "bytes", "faces": "faces"}
+COSTS = words.COSTS | {"seconds": "CPU seconds, median"}
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em }
 table { border-collapse: collapse } td, th { padding: .2em .8em; text-align: right }
@@ -26,6 +27,7 @@ def html(report: Report) -> str:
     body = ["<h1>What accuracy costs</h1>"]
     if not plots:
         body.append(f"<p>{escape(MISSING)}</p>")
+    body += [f"<p>{escape(note)}.</p>" for note in report.notes]
     for knob in report.plan.knobs:
         series = [s for s in report.series if s.knob.name == knob.name]
         if not series:
@@ -60,7 +62,8 @@ def plot(series: Sequence[Series], file: IO[Any], form: str) -> None:
             for number, one in enumerate(series):
                 _draw(axes, one, cost, f"C{number}")
             axes.set_xlabel(COSTS[cost])
-            axes.set_xscale("log")
+            if all(point.cost(cost) > 0 for one in series for point in one.points):
+                axes.set_xscale("log")
             _scale_errors(axes, [p.error(knob) for s in series for p in s.points])
             axes.grid(visible=True, which="both", color="0.92")
             axes.set_axisbelow(True)

@@ -46,6 +46,29 @@ class Point:
         return self.seconds if cost == "seconds" else float(self.counts[cost])
 
 
+class Samples:
+    """All runs of one point."""
+
+    def __init__(self, seconds: float | None, counts: Mapping[str, Any]) -> None:
+        self._seconds = [] if seconds is None else [seconds]
+        self._counts, self._rejected = counts, 0
+        self.errors: Mapping[str, float] = {}
+        self.differing: int | None = None
+
+    def add(self, seconds: float | None, counts: Mapping[str, Any]) -> None:
+        """Take a run in, or reject it where it did not do what the first one did."""
+        if counts != self._counts:
+            self._rejected += 1
+        elif seconds is not None:
+            self._seconds.append(seconds)
+
+    def point(self, knob: Knob, value: Any) -> Point:
+        return Point(
+            value, value == knob.default, tuple(self._seconds), self._rejected, self._counts,
+            self.errors, None if knob.error else self.differing or 0,
+        )  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class Series:
     """A knob on a scene."""
@@ -80,6 +103,7 @@ class Report:
     scenes: tuple[Mapping[str, Any], ...]  # name, triangles, area, floor in voxels of the default
     series: tuple[Series, ...]
     machine: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # a line for each thing that could not be measured
 
 
 def as_dict(report: Report, prices: Iterable[str]) -> dict[str, Any]:
@@ -90,11 +114,13 @@ def as_dict(report: Report, prices: Iterable[str]) -> dict[str, Any]:
         "resolution": report.plan.resolution,
         "runs": report.plan.runs,
         "scenes": [dict(scene) for scene in report.scenes],
+        "notes": list(report.notes),
         "series": [
             {
                 "scene": series.scene,
                 "knob": series.knob.name,
                 "option": bool(series.knob.field),
+                "scene_key": series.knob.key or None,
                 "error": series.knob.error or f"differing {series.knob.same}",
                 "lossless": not series.knob.error,
                 "price": price,

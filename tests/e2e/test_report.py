@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+from display import need_opengl
 from e2e.meshes import write_ply
 from e2e.program import fail, succeed
 
@@ -50,3 +51,22 @@ def test_a_file_that_is_no_mesh_leaves_no_report(tmp_path):
     line = fail(tmp_path, 4, "report", "accuracy", "notes.ply", "-o", "out", "--quiet")
     assert "notes.ply" in line
     assert not list((tmp_path / "out").iterdir())
+
+
+def test_smaller_pixel_errors_draw_more_voxels_and_occlusion_changes_no_pixel(tmp_path):
+    need_opengl()
+    succeed(
+        tmp_path, "report", "accuracy", "-o", "out", "--knob", "pixel-error", "--knob", "occlusion",
+        "--runs", "1", "--quiet",
+    )  # fmt: skip
+    held = json.loads((tmp_path / "out" / "report.json").read_text())
+    error, occlusion = held["series"]
+    assert held["notes"] == []
+    assert [point["value"] for point in error["points"]] == [8, 1, 0.25]
+    for count in ("voxels", "bytes"):
+        counts = [point["counts"][count] for point in error["points"]]
+        assert counts == sorted(set(counts))
+    errors = [point["errors"]["image_rms"] for point in error["points"]]
+    assert errors[0] > 2 * errors[1] > 0
+    assert [point["differing"] for point in occlusion["points"]] == [0, 0]
+    assert occlusion["price"].startswith("lossless: error exactly 0, the pixels are the same")

@@ -164,7 +164,7 @@ def test_a_streaming_film_shows_coarse_levels_first(folder, view):
     assert depths[0] == 3
     assert depths == sorted(depths, reverse=True)
     assert depths[-1] < 3
-    assert sum(line["uploaded"] for line in lines) > 0
+    assert sum(line["uploaded"] for line in lines[1:]) > 0
 
 
 @pytest.mark.parametrize(

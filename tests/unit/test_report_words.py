@@ -53,7 +53,7 @@ BROKEN = series("block", [(32, 2.0, 100, 7), (64, 1.0, 100, 0)])
         (
             LZ4,
             "lossless: error exactly 0, the voxels are the same at all values; "
-            "hc takes 0.90 × its bytes",
+            "hc takes 0.90 × the default's bytes",
         ),
         (BROKEN, "NOT LOSSLESS: voxels that differ from the default's: 7 at 32"),
     ],

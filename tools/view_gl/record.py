@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
-from time import monotonic
+from time import monotonic, process_time
 from typing import Any
 
 from . import offscreen
@@ -71,10 +71,11 @@ def film(
     errors : OSError, and those of the file
     """
     width, height = renderer.target.size
+    uploaded = 0  # the first frame has what was there before, too
     with (folder / "frames.jsonl").open("w", encoding="utf-8") as lines:
         for number in range(script.frames):
             camera = script.camera(number, session, width / height)
-            start, uploaded = monotonic(), renderer.voxels.uploaded
+            start, worked = monotonic(), process_time()
             frames = _settling(renderer, camera) if sync else [renderer.frame(camera)]
             frame = _last(frames)
             pixels = renderer.picture()
@@ -84,10 +85,12 @@ def film(
                 **drawn(renderer, frame),
                 "uploaded": renderer.voxels.uploaded - uploaded,
                 "milliseconds": round(1000 * (monotonic() - start), 3),
+                "cpu_milliseconds": round(1000 * (process_time() - worked), 3),
             }
             offscreen.save(pixels, folder / f"frame-{number:05d}.png")
             lines.write(json.dumps(line) + "\n")
             lines.flush()
+            uploaded = renderer.voxels.uploaded
             pace.says(f"frame {number + 1} of {script.frames}", number + 1, script.frames)
 
 
