@@ -90,7 +90,11 @@ def renderer(context, path, size=(160, 120), cut="shader", **tables):
         given[name] = {**given.get(name, {}), **value} if isinstance(value, dict) else value
     scene = scene_of(given)
     file = BlockFile(open_source(str(path)))
-    return Renderer(context, file, scene, resolve(scene, facts_of(file)), size, cut=cut)
+    try:
+        return Renderer(context, file, scene, resolve(scene, facts_of(file)), size, cut=cut)
+    except BaseException:
+        file.close()
+        raise
 
 
 def camera_from(file, direction, size, zoom=1.0, aside=(0.0, 0.0)):

@@ -134,9 +134,9 @@ def test_a_voxel_ahead_is_as_large_as_geometry_says():
     low, high = np.array([[-1.0, -1, -1]]), np.array([[1.0, 1, 0]])
     box, edge = np.array([[-9.0] * 3, [9.0] * 3]), np.array([0.5])
     camera = Camera((0, 0, 10), (0, 0, 0), (0, 1, 0), fov=90.0)
-    # At depth 10 the picture's 100 pixels are 20 units; at its corners √3 of it, two axes aslant.
+    # At depth 10 the picture's 100 pixels are 20 units; the box is seen 0.1 aside, along two axes.
     view = View.of(camera, (100, 100), UNIT, box)
-    assert view.voxel_pixels(low, high, edge) == pytest.approx([2.5 * sqrt(3)])
+    assert view.voxel_pixels(low, high, edge) == pytest.approx([2.5 * sqrt(1.02)])
     view = View.of(replace(camera, height=20.0), (100, 100), UNIT, box)
     assert view.voxel_pixels(low, high, edge) == pytest.approx([2.5])
 

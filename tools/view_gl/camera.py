@@ -91,7 +91,7 @@ class View:
     )
     perspective: bool
     pixels: float  # height in pixels of one grid unit at w = 1
-    slope: float  # the greatest distance from the axis over depth that the viewport shows
+    slopes: tuple[float, float]  # of the viewport's right and upper border against the axis
 
     @staticmethod
     def of(camera: Camera, size: tuple[int, int], matrix: Floats, box: Floats) -> View:
@@ -133,7 +133,7 @@ class View:
         eye = inverse[:3] @ (*camera.position, 1.0) if perspective else inverse[:3, :3] @ axes[2]
         edge = float(np.linalg.norm(matrix[:, :3], 2))
         pixels = edge * float(projection[1, 1]) * height / 2
-        return View(projection @ grid, eye, perspective, pixels, slope * float(np.hypot(1, aspect)))
+        return View(projection @ grid, eye, perspective, pixels, (slope * aspect, slope))
 
     def seen(self, low: Floats, high: Floats) -> NDArray[np.bool_]:
         """(n,) which of the boxes (n, 3) may be in the viewport: none that is, is missed."""
@@ -160,7 +160,12 @@ class View:
         depth = centre @ self.clip[3, :3] + self.clip[3, 3] - half @ np.abs(self.clip[3, :3])
         bound = np.full(len(edge), np.inf)
         near = depth > 0
-        stretch = np.sqrt(1 + self.slope**2)
+        aside = np.abs(centre @ self.clip[:2, :3].T + self.clip[:2, 3])
+        aside += half @ np.abs(self.clip[:2, :3]).T
+        # What is beyond the border of the viewport, at 1, is not drawn.
+        share = np.minimum(aside, np.maximum(depth, 0)[:, None])
+        slopes = np.divide(share, depth[:, None], out=np.ones_like(share), where=near[:, None])
+        stretch = np.sqrt(1 + (slopes**2) @ (np.array(self.slopes) ** 2))
         np.divide(edge * self.pixels * stretch, depth, out=bound, where=near)
         return bound
 

@@ -17,6 +17,7 @@ from .deform import Deformation
 from .draw import Appearance, Painter
 from .hybrid import SourceTriangles
 from .loader import Loader, Wish, Words
+from .pool import HIGH_WATERMARK
 from .sraa import DeferredTarget
 from .stencil import Where, without_cut
 from .target import Target
@@ -80,7 +81,9 @@ class Renderer:
         self.tree = Tree(file)
         self._read_roots()
         stride = self.loader.stride
-        room = min(scene.budget.pool_bytes // (stride * WORD), sum(file.level_voxels))
+        # Of a file that fits the pool stays below its watermark: nothing is ever moved or lost.
+        fitting = int(sum(file.level_voxels) / HIGH_WATERMARK) + 1
+        room = min(scene.budget.pool_bytes // (stride * WORD), fitting)
         self.voxels = PoolBuffer(context, max(room, 1), stride)
         self.tint(tint)
         kind = resolution.defines.get("DEFORM", 0)
@@ -159,6 +162,12 @@ class Renderer:
                     break
                 changed = True
                 cuts = self._walk(view, lights)
+                if self.occlusion and self._wish(cuts):
+                    # What is hidden by what is here by now is not read (thesis, 4.6).
+                    self._keep(cuts)
+                    self._picture += 1
+                    self._draw(cuts, view, lights, whole=False)
+                    cuts = self._walk(view, lights)
             if self._source is not None and (sources := self._sources(cuts[0])):
                 self._source.waiting = self._source.read(self.tree.entries, sources)
                 changed |= self._source.upload(None)
@@ -333,7 +342,7 @@ class Renderer:
         if self._relief > 1.0 and not lacking and pool.used < ROOMY * pool.capacity:
             self._relief = max(1.0, self._relief / RELIEF)
 
-    def _draw(self, cuts: list[Cut], view: View, lights: list[View]) -> None:
+    def _draw(self, cuts: list[Cut], view: View, lights: list[View], *, whole: bool = True) -> None:
         tree, target, cut = self.tree, self.target, cuts[0]
         fresh = self._history.fresh(cut.probes, self._picture)
         probes = np.concatenate((cut.probes[fresh], cut.probes[~fresh]))
@@ -371,7 +380,7 @@ class Renderer:
             passed = np.zeros(len(tree), np.bool_)
             tested = np.concatenate((drawn, probes, sources))
             passed[tested] = self.painter.flags(len(tested))
-            self._history.update(tree, cut, passed, self._picture)
+            self._history.update(tree, cut, passed, self._picture, whole=whole)
         if isinstance(target, DeferredTarget):
             self.painter.shade(target, view, origin, appearance)
         target.resolve()

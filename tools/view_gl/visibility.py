@@ -111,16 +111,18 @@ def _by_distance(boxes: Boxes, view: View, nodes: Nodes) -> Nodes:
 class Occlusion:
     """What the last frames' flags say: which blocks stand for their occluded children.
 
-    A block is hidden when no fragment of any of its children passed the depth test. It is then
-    drawn as a probe, all faces of its voxels, so that nothing its children show can be missed: they
-    lie within its voxels. A probe that passes brings the children back. Where the picture has not
-    changed since they failed, they would fail again: the probe stays, without colour (thesis,
-    figure 29: no flicker); otherwise it fills what nothing else covers until they are drawn.
+    A block is hidden when no fragment of any of its children passed the depth test, or none of its
+    own while its children are still to be read: then they are not. It is then drawn as a probe,
+    all faces of its voxels, so that nothing its children show can be missed: they lie within them.
+    A probe that passes brings the children back. Where the picture has not changed since they
+    failed, they would fail again: the probe stays, without colour (thesis, figure 29: no flicker);
+    otherwise it fills what nothing else covers until they are drawn.
     """
 
     def __init__(self) -> None:
         self.hidden = np.empty(0, np.bool_)
         self._when = np.empty(0, np.int64)  # the picture in which the children failed
+        self._back = np.empty(0, np.int64)  # the picture in which it was a probe that passed
         self.settled = True  # did the last flags change nothing
 
     def grow(self, count: int) -> None:
@@ -128,6 +130,7 @@ class Occlusion:
         more = count - len(self.hidden)
         self.hidden = np.concatenate((self.hidden, np.zeros(more, np.bool_)))
         self._when = np.concatenate((self._when, np.full(more, -1)))
+        self._back = np.concatenate((self._back, np.full(more, -1)))
 
     def forget(self) -> None:
         """Show everything: occlusion culling was switched off."""
@@ -138,21 +141,31 @@ class Occlusion:
         fresh: Flags = self._when[probes] != picture
         return fresh
 
-    def update(self, tree: Tree, cut: Cut, passed: Flags, picture: int) -> None:
+    def update(
+        self, tree: Tree, cut: Cut, passed: Flags, picture: int, *, whole: bool = True
+    ) -> None:
         """Take the flags of a frame.
 
         passed : (n,) by row: did a fragment of this block pass the depth test
         picture : changes when the camera, the resident blocks or the scene do
+        whole : of a picture that still lacks blocks, False: nothing comes back for it
         """
         visible = np.zeros(len(tree), np.bool_)
         visible[cut.drawn] = passed[cut.drawn]
         visible[cut.wanted] = True  # nobody knows: their parents wait for them
         probes = cut.probes
         seen = passed[probes]
-        back = probes[seen & (self._when[probes] != picture)]
+        back = probes[seen & (self._when[probes] != picture)] if whole else probes[:0]
         visible[probes] = seen
         before = self.hidden.copy()
         self.hidden[back] = False
+        self._back[back] = picture
+        waiting = np.unique(tree.parent[cut.wanted])
+        waiting = waiting[waiting >= 0]
+        failed = waiting[~passed[waiting] & (self._back[waiting] != picture)]
+        failed = np.intersect1d(failed, cut.drawn)
+        self.hidden[failed] = True
+        self._when[failed] = -1
         # Fine levels first: a block above is visible when one below is.
         for node in cut.inner[::-1]:
             first = tree.first_child[node]
