@@ -77,6 +77,8 @@ def fit(
     corners = box[[[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], [0, 1, 2]] - centre
     slope = tan(radians(fov) / 2)
     needed = np.maximum(np.abs(corners @ right) / aspect, np.abs(corners @ above)) / slope
+    # A corner on the axis needs no distance to be in the picture, but one to be before the eye.
+    needed = np.maximum(needed, 1e-3 * np.linalg.norm(box[1] - box[0]))
     distance = float((FIT_MARGIN * needed + corners @ back).max())
     return replace(camera, position=_point(centre + back * (distance or 1.0)))
 
