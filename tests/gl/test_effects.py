@@ -11,7 +11,13 @@ from gstream_tools.view_gl.frame import Renderer
 
 SIZE = (96, 72)
 FLAT = {"shade": {"model": "flat"}, "light": []}
-OWN = {"SPRITES", "DEPTHS", "STRIDE", "CUT_HERE"}  # which form of a program, not what it shows
+OWN = {
+    "SPRITES",
+    "DEPTHS",
+    "STRIDE",
+    "CUT_HERE",
+    "SAMPLES",
+}  # which form of a program, not what it shows
 
 
 def picture(context, model, direction=(1, 0.6, 0.4), zoom=1.0, cut="shader", **tables):

@@ -126,7 +126,8 @@ class Renderer:
         if samples > 1 and "SRAA" in self.resolution.defines:
             self._target = DeferredTarget(self._context, size, samples, self.painter.programs)
         else:
-            self._target = Target(self._context, size, samples, ids=ids)
+            programs = self.painter.programs
+            self._target = Target(self._context, size, samples, programs, ids=ids)
         if self._lights:
             if self._maps is not None:
                 self._maps.release()

@@ -12,17 +12,26 @@ FLAG_GROUP = 8  # flag.comp's local size
 CUT_GROUP = 64  # cut.comp's
 
 # The parts of each stage, joined in this order.
-FACES = (("common", "stencil", "shade", "voxel.vert"), ("common", "faces.geom"), ("faces.frag",))
-SPRITES = (("common", "stencil", "shade", "sprite", "voxel.vert"), (), ("common", "sprite.frag"))
+FACES = (
+    ("common", "stencil", "srgb", "shade", "voxel.vert"),
+    ("common", "faces.geom"),
+    ("faces.frag",),
+)
+SPRITES = (
+    ("common", "stencil", "srgb", "shade", "sprite", "voxel.vert"),
+    (),
+    ("common", "sprite.frag"),
+)
 # Probes and shadows have no colour: only the depth test, and flags, which early tests guard.
 DEPTHS = (("common", "stencil", "voxel.vert"), ("common", "faces.geom"), ("depths.frag",))
-PIECES = (("common", "piece.vert"), ("common", "shade", "piece.geom"), ("faces.frag",))
+PIECES = (("common", "piece.vert"), ("common", "srgb", "shade", "piece.geom"), ("faces.frag",))
 COLOUR_DEFINES = ("COLOUR", "LIT", "SPECULAR", "SHADOW", "LIGHTS", "TINT")
 # What is drawn as the screen's triangle, by the last part's name.
 SCREEN = {
     "cleared.frag": ("cleared.frag",),
-    "numbered.frag": ("common", "shade", "numbered.frag"),
-    "reconstruct.frag": ("reconstruct.frag",),
+    "numbered.frag": ("common", "srgb", "shade", "numbered.frag"),
+    "reconstruct.frag": ("srgb", "reconstruct.frag"),
+    "resolve.frag": ("srgb", "resolve.frag"),
 }
 
 

@@ -6,19 +6,23 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from .programs import Programs
+
 
 class Target:
     """Buffers of one size.
 
-    samples : of MSAA; the resolved picture is in `picture`
+    samples : of MSAA
     ids : with a second output of block numbers, one sample only
+    programs : where several samples are resolved by
     """
 
     def __init__(
         self,
         context: moderngl.Context,
         size: tuple[int, int],
-        samples: int = 1,
+        samples: int,
+        programs: Programs,
         *,
         ids: bool = False,
     ) -> None:
@@ -26,12 +30,14 @@ class Target:
         self.size = size
         self.samples = samples
         several = samples if samples > 1 else 0
-        self._colour = context.renderbuffer(size, 4, samples=several)
+        self._colour = context.texture(size, 4, samples=several)
         self._depth = context.depth_renderbuffer(size, samples=several)
-        self._plain = context.framebuffer([self._colour], self._depth)
-        self._resolved = (
-            context.framebuffer([context.renderbuffer(size, 4)]) if several else self._plain
-        )
+        self._plain = self._resolved = context.framebuffer([self._colour], self._depth)
+        self._resolving: moderngl.VertexArray | None = None
+        if several:
+            self._resolved = context.simple_framebuffer(size)
+            resolve = programs.screen("resolve.frag", {"SAMPLES": samples})
+            self._resolving = context.vertex_array(resolve, [])
         self._ids: moderngl.Texture | None = None
         self._with_ids = self._plain
         if ids and not several:
@@ -70,8 +76,11 @@ class Target:
 
     def resolve(self) -> None:
         """Average the samples of each pixel."""
-        if self.samples > 1:
-            self._context.copy_framebuffer(self._resolved, self._plain)
+        if self._resolving is not None:
+            self._colour.use(0)
+            self._resolved.use()
+            self._context.enable_only(moderngl.NOTHING)
+            self._resolving.render(moderngl.TRIANGLES, vertices=3)
 
     def copy_to(self, framebuffer: moderngl.Framebuffer) -> None:
         """The resolved picture into a framebuffer of the same size and form."""

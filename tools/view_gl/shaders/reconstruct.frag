@@ -27,7 +27,7 @@ void main()
     for (int i = 0; i < SRAA; i++) {
         uvec2 number = texelFetch(numbers, here, i).xy;
         if (number.x == 0u) {
-            sum += background;
+            sum += decoded(background);
             continue;
         }
         covered += 1.0;
@@ -44,7 +44,7 @@ void main()
             best = apart;
             colour = texelFetch(shaded, at, 0).rgb;
         }
-        sum += best < 1e30 ? colour : background;
+        sum += decoded(best < 1e30 ? colour : background);
     }
-    pixel = vec4(sum / float(SRAA), covered / float(SRAA));
+    pixel = vec4(encoded(sum / float(SRAA)), covered / float(SRAA));
 }
