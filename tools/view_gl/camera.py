@@ -35,19 +35,19 @@ class Camera:
 
     def axes(self) -> Floats:
         """(3, 3) rows: to the right, up, backwards; orthonormal whatever `up` is."""
-        back = np.subtract(self.position, self.target)
-        length = np.linalg.norm(back)
-        back = back / length if length > 0 else np.array([0.0, 0.0, 1.0])
-        right = np.cross(self.up, back)
-        if np.linalg.norm(right) <= 1e-6 * np.linalg.norm(self.up):  # or rounding tells
+        back = _unit(np.subtract(self.position, self.target))
+        if not back.any():
+            back = np.array([0.0, 0.0, 1.0])
+        right = np.cross(_unit(np.array(self.up)), back)
+        if np.linalg.norm(right) <= 1e-6:  # or rounding tells
             right = np.cross(np.eye(3)[int(np.argmin(np.abs(back)))], back)
-        right /= np.linalg.norm(right)
+        right = _unit(right)
         return np.stack((right, np.cross(back, right), back))
 
     def orbit(self, azimuth: float, elevation: float) -> Camera:
         """Turned about the target by degrees: to the right, and upwards but not over the pole."""
         offset = np.subtract(self.position, self.target)
-        up = np.divide(self.up, np.linalg.norm(self.up))
+        up = _unit(np.array(self.up))
         aside = float(np.linalg.norm(np.cross(offset, up)))
         lift = degrees(atan2(float(offset @ up), aside))
         rise = min(max(lift + elevation, -89.0), 89.0) - lift
@@ -184,6 +184,15 @@ class View:
         shift = np.eye(4)
         shift[:3, 3] = origin
         return np.ascontiguousarray((self.clip @ shift).T, dtype=np.float32)
+
+
+def _unit(vector: Floats) -> Floats:
+    """The vector with length 1, however short it is; 0 stays 0."""
+    longest = float(np.abs(vector).max())
+    if longest == 0:
+        return vector
+    scaled = vector / longest  # the square of what is below 1e-160 is nothing
+    return np.asarray(scaled / np.linalg.norm(scaled))
 
 
 def _turn(axis: Floats, angle: float) -> Floats:
