@@ -152,7 +152,8 @@ def test_no_frame_uploads_more_than_its_limit_and_closed_ones_have_no_hole(conte
     renderer.close()
     assert max(uploads) <= 65536
     assert len(uploads) > 10
-    assert found == [0] * 20
+    assert len(found) > 10
+    assert not any(found)
 
 
 def test_a_pool_that_is_too_small_lowers_the_detail_and_shows_no_hole(context, torus):
