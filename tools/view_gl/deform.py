@@ -76,4 +76,5 @@ class Deformation:
             "wave": tuple(self.wave.tolist()),
             "waves": tuple(self.waves.tolist()),
             "phase": self.phase,
+            "slack": self.slack(1.0),
         }

@@ -13,6 +13,7 @@ uniform vec3 pivot;
 uniform vec3 wave;
 uniform vec3 waves;
 uniform float phase;
+uniform float slack;    // of a cube of edge 1: how far points of it may leave its corners' hull
 #endif
 
 vec3 displaced(vec3 point)

@@ -17,6 +17,9 @@ in Voxel {
     flat uint slot;
     flat vec3 colour;
     flat uvec2 number;
+#ifdef DEFORM
+    flat bool probe;
+#endif
 } voxel[];
 
 out Face {
@@ -36,7 +39,14 @@ void main()
             corner[axis] += side * voxel[0].edge;
             corner[u] += (i & 1) * voxel[0].edge;
             corner[v] += (i >> 1) * voxel[0].edge;
+#ifdef DEFORM
+            // A probe bounds what is in it, which moves as curves between the corners.
+            vec3 away = sign(vec3(corner - voxel[0].low) - 0.5 * float(voxel[0].edge));
+            float grown = voxel[0].probe ? slack * float(voxel[0].edge * voxel[0].edge) : 0.0;
+            gl_Position = clip * vec4(displaced(vec3(corner)) + grown * away, 1.0);
+#else
             gl_Position = projected(corner);
+#endif
             face.slot = voxel[0].slot;
             face.colour = voxel[0].colour;
             face.number = voxel[0].number;

@@ -22,6 +22,9 @@ out Voxel {
     flat uint slot;
     flat vec3 colour;       // sRGB, shaded
     flat uvec2 number;      // of the voxel in the pool, from 1, and of its block's record
+#ifdef DEFORM
+    flat bool probe;
+#endif
 } made;
 
 void main()
@@ -43,6 +46,9 @@ void main()
     if (draw.y != 1u && (mask == 0u || CUT_HERE == 1 && cut_out(made.low, made.edge))) made.faces = 0u;
 #endif
     made.slot = draw.x;
+#ifdef DEFORM
+    made.probe = draw.y == 1u;
+#endif
 #ifdef SPRITES
     place_sprite(made.low, made.edge, made.faces != 0u);
 #endif
