@@ -27,15 +27,6 @@ COMMAND = 5  # words of an indirect command: four, and one that moderngl's strid
 
 
 @dataclass(frozen=True, slots=True)
-class Draws:
-    """Blocks on the GPU: indirect commands, and the record of each block, which they number."""
-
-    commands: moderngl.Buffer
-    records: moderngl.Buffer
-    count: int
-
-
-@dataclass(frozen=True, slots=True)
 class Appearance:
     """What the defines of a program need beside the camera, by uniform's name."""
 
@@ -81,10 +72,10 @@ class Painter:
         self._cutting: moderngl.ComputeShader | None = None
         self.passes: list[str] = []  # of the last frame, in order
 
-    def begin(self, tree: Tree, lists: Sequence[Nodes], origin: NDArray[np.int64]) -> list[Draws]:
+    def begin(self, tree: Tree, lists: Sequence[Nodes], origin: NDArray[np.int64]) -> None:
         """Write what is to be drawn; blocks are numbered through all lists, for their flags.
 
-        lists : rows of the tree: drawn, probes, then those of each light
+        lists : rows of the tree: drawn, probes, drawn as source triangles, then those of each light
         """
         self.passes.clear()
         nodes = np.concatenate(lists)
@@ -104,11 +95,6 @@ class Painter:
         self._records = self._write(self._records, records)
         if "OCCLUSION" in self._defines:
             self._flags = self._write(self._flags, np.zeros(max(len(nodes), 1), np.uint32))
-        draws, first = [], 0
-        for part in lists:
-            draws.append(Draws(self._commands, self._records, len(part)))
-            first += len(part)
-        return draws
 
     def _write(self, buffer: moderngl.Buffer, data: NDArray[np.generic]) -> moderngl.Buffer:
         """Fill a buffer; a larger one if need be, for which the programs' arrays are made anew."""
