@@ -32,7 +32,11 @@ def virtual_display(size: str = "1024x768") -> Iterator[str]:
     if server is None or shutil.which("xdotool") is None:
         missing("Xvfb or xdotool is missing: apt-get install xvfb xdotool")
     ready, written = os.pipe()
-    command = [server, "-displayfd", str(written), "-screen", "0", f"{size}x24", "-nolisten", "tcp"]
+    # Without -noreset it starts anew when its last client goes, and refuses the next one meanwhile.
+    command = [
+        server, "-displayfd", str(written), "-screen", "0", f"{size}x24", "-nolisten", "tcp",
+        "-noreset",
+    ]  # fmt: skip
     process = subprocess.Popen(command, pass_fds=[written], stderr=subprocess.DEVNULL)
     os.close(written)
     try:
