@@ -21,6 +21,7 @@ def context() -> moderngl.Context:
     errors : NoOpenGLError
     """
     try:
+        # Its annotation has the settings as dict[str, Any]: each keyword is one.
         made = moderngl.create_context(require=450, standalone=True, backend="egl")  # type: ignore[arg-type]
     except Exception as error:  # glcontext raises what the driver gives
         said = " ".join(str(error).split())

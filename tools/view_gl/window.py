@@ -62,6 +62,7 @@ class Window:
         self._session = session
         self._handle = _open(size, _name(session))
         try:
+            # Its annotation has the settings as dict[str, Any]: each keyword is one.
             context = moderngl.create_context(require=450, context=CurrentContext())  # type: ignore[arg-type]
             shown = glfw.get_framebuffer_size(self._handle)
             self._renderer = session.renderer(context, shown, tint=tint)
