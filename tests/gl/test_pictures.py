@@ -102,6 +102,17 @@ def test_occlusion_culling_changes_no_pixel_of_a_converged_picture(context, toru
     assert len(culling.last_cut.probes) > 0
 
 
+@pytest.mark.parametrize("samples", [1, 4])
+def test_a_lost_barrier_before_the_flags_are_read_makes_a_wrong_picture(
+    context, torus, monkeypatch, samples
+):
+    camera, lod = {"samples": samples}, {"pixel_error": 0.6}
+    right, _ = pictures(context, torus.path, around(3, 5), camera=camera, lod=lod)
+    monkeypatch.setattr(type(context), "memory_barrier", lambda self, barriers: None)
+    wrong, _ = pictures(context, torus.path, around(3, 5), camera=camera, lod=lod)
+    assert not any(np.array_equal(a, b) for a, b in zip(wrong, right, strict=True))
+
+
 def test_a_static_camera_shows_ten_identical_frames(context, torus):
     renderer = scenes.renderer(context, torus.path, SIZE)
     camera = scenes.camera_from(renderer.file, (1, 0.4, 0.3), SIZE, zoom=2.5)
