@@ -181,14 +181,14 @@ def _keeps_sides(*rows: list[float]) -> bool:
 def resolve(scene: Scene, facts: Facts) -> Resolution:
     """The effects that the scene calls for, of those that the columns of `facts` allow.
 
-    errors : UsageError for one that no viewer of surfaces can show; UnsupportedError for one
-        whose column the source does not have
+    errors : UnsupportedError for one that no viewer of surfaces can show, or whose column the
+        source does not have
     """
     known = _known(scene, facts)
     for refusal in EFFECTS["refusal"]:
         if _reason(refusal["when"], known):
-            said = f"{scene.path}: {refusal['name']}: {refusal['said']}"
-            raise UsageError(said, refusal["hint"])
+            said = f"{refusal['name']}: {refusal['said']}"
+            raise UnsupportedError(scene.path, said, refusal["hint"])
     found: dict[str, str] = {}
     rows = []
     for effect in EFFECTS["effect"]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gstream import scene as writer
-from gstream.errors import InputError, UnsupportedError, UsageError
+from gstream.errors import InputError, UnsupportedError
 from gstream_tools import scene as viewer
 
 SCENES = Path(__file__).parents[2] / "spec" / "vectors" / "scenes"
@@ -40,9 +40,8 @@ def of_writer(read: Callable[[], writer.Scene], facts: Mapping[str, Any]) -> Ans
         found = writer.resolve(read(), known)
     except InputError as error:
         return {"error": error.place}
-    except UsageError as error:
-        return {"refused": error.said.split(": ")[1]}
     except UnsupportedError as error:
-        name, said = error.said.split(": ")
-        return {"refused": name, "column": said.removeprefix("the source has no ")}
+        name, said = error.said.split(": ", 1)
+        column = said.removeprefix("the source has no ")
+        return {"refused": name} | ({"column": column} if column != said else {})
     return {name: list(getattr(found, name)) for name in PRODUCTS} | {"defines": found.defines}

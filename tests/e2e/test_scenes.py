@@ -151,7 +151,7 @@ def test_an_explained_build_builds(folder):
 @pytest.mark.parametrize(
     ("scene", "status", "said"),
     [
-        ("[camera]\naperture = 1\n", 2, "scene.toml: lens: depth of field needs rays; use a ray-c"),
+        ("[camera]\naperture = 1\n", 6, "scene.toml: lens: depth of field needs rays; use a ray-c"),
         ("[camera]\nfovv = 1\n", 4, "scene.toml: camera.fovv: is no such key; known are position"),
         ("camera =", 4, "scene.toml: is no TOML: "),
         ('[source]\ncolours = "required"\n', 6, "scene.toml: colour: the source has no colour; "),

@@ -169,10 +169,10 @@ def test_no_frame_uploads_more_than_its_limit_and_closed_ones_have_no_hole(conte
 
 def test_a_pool_that_is_too_small_lowers_the_detail_and_shows_no_hole(context, torus):
     whole = scenes.renderer(context, torus.path, SIZE)
-    needed = sum(whole.file.level_voxels) * whole.voxels.stride * 4
+    needed = sum(whole.file.level_voxels) * whole.voxels.store.stride * 4
     whole.close()
     renderer = scenes.renderer(context, torus.path, SIZE, lod={"pixel_error": 0.3})
-    renderer.voxels.pool.capacity = needed // 4 // (renderer.voxels.stride * 4)
+    renderer.voxels.store.pool.capacity = needed // 4 // (renderer.voxels.store.stride * 4)
     silhouette = scenes.Silhouette(context, torus, renderer.file, SIZE)
     for direction in directions(4, seed=3)[0]:
         camera = scenes.camera_from(renderer.file, direction, SIZE)

@@ -62,13 +62,22 @@ class PoolBuffer:
         self._scatter(pieces)
 
     def move(self, moves: Sequence[Move]) -> None:
-        """Carry out what the pool's defragmentation asks for."""
+        """Carry out what the pool's defragmentation asks for.
+
+        OpenGL refuses copies that overlap: those go by way of the staging buffer.
+        """
         size = self.stride * WORD
         for move in moves:
-            self._context.copy_buffer(
-                self.buffer, self.buffer, move.count * size, read_offset=move.source * size,
-                write_offset=move.target * size,
-            )  # fmt: skip
+            source, target, length = move.source * size, move.target * size, move.count * size
+            if source - target >= length:
+                self._copy(self.buffer, source, target, length)
+                continue
+            for at in range(0, length, STAGING_BYTES):
+                piece = min(STAGING_BYTES, length - at)
+                self._context.copy_buffer(
+                    self._staging, self.buffer, piece, read_offset=source + at
+                )
+                self._copy(self._staging, 0, target + at, piece)
 
     def read(self, node: int) -> Words:
         """What the GPU has of a block: (n, stride)."""
@@ -79,6 +88,11 @@ class PoolBuffer:
         data = self.buffer.read(place[1] * size, offset=place[0] * size)
         return np.frombuffer(data, np.uint32).reshape(-1, self.stride)
 
+    def _copy(self, source: moderngl.Buffer, begin: int, target: int, length: int) -> None:
+        self._context.copy_buffer(
+            self.buffer, source, length, read_offset=begin, write_offset=target
+        )
+
     def _scatter(self, pieces: Sequence[tuple[int, bytes]]) -> None:
         if not pieces:
             return
@@ -88,7 +102,5 @@ class PoolBuffer:
         self.uploaded += len(packed)
         at = 0
         for target, piece in pieces:
-            self._context.copy_buffer(
-                self.buffer, self._staging, len(piece), read_offset=at, write_offset=target
-            )
+            self._copy(self._staging, at, target, len(piece))
             at += len(piece)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import moderngl
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 from ..reader_py import BlockFile
 from ..scene import Resolution, Scene, SceneError
 from . import look, shadow
-from .buffers import WORD, PoolBuffer
+from .buffers import WORD, Words
 from .camera import Camera, View
 from .deform import Deformation
 from .draw import Appearance, Painter
 from .hybrid import SourceTriangles
-from .loader import Loader, Wish, Words
+from .loader import Loader, Wish
 from .pool import HIGH_WATERMARK
+from .residency import ResidentVoxels
 from .sraa import DeferredTarget
 from .stencil import Where, without_cut
 from .target import Target
@@ -25,8 +27,6 @@ from .tree import Nodes, Tree
 from .visibility import Boxes, Cut, Occlusion, walk
 
 ATTRIBUTES = ("normal", "colour")  # columns that become words of a voxel, in their order
-RELIEF = 1.25  # by which the pixel error grows while the pool is too small, and shrinks again
-ROOMY = 0.6  # of the pool: below it the pixel error may shrink
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class Renderer:
         # Of a file that fits the pool stays below its watermark: nothing is ever moved or lost.
         fitting = int(sum(file.level_voxels) / HIGH_WATERMARK) + 1
         room = min(scene.budget.pool_bytes // (stride * WORD), fitting)
-        self.voxels = PoolBuffer(context, max(room, 1), stride)
+        self.voxels = ResidentVoxels(context, self.tree, max(room, 1), stride)
         self.tint(tint)
         kind = resolution.defines.get("DEFORM", 0)
         self._deformation = Deformation.of(scene, kind, file.matrix, file.box)
@@ -93,24 +93,20 @@ class Renderer:
         self._maps: shadow.Maps | None = None
         self._mapped: list[list[int]] = []  # the blocks in the maps
         self._history = Occlusion()
-        self._resident = np.empty(0, np.bool_)
-        self._waiting: list[tuple[int, Words]] = []  # read, not yet uploaded
         self.last_cut: Cut | None = None
-        self._relief = 1.0
         self._picture = 0
         self._last: tuple[object, ...] = ()
         self._target: Target | DeferredTarget | None = None
         self._size = (0, 0)
         self.resize(size)
         self._grow()
-        self._waiting = self.loader.read(self.tree.entries, self.tree.roots.tolist())
-        self._upload(None)
+        self._read(self.tree.roots.tolist())
 
     def tint(self, tint: bool) -> None:
         """Colour by level, or as the scene says."""
         defines = dict(self.resolution.defines) | ({"TINT": 1} if tint else {})
         self.painter = Painter(
-            self._context, self.voxels, defines, self._columns, self.file, self._cut
+            self._context, self.voxels.store, defines, self._columns, self.file, self._cut
         )
         self._last = ()
 
@@ -142,11 +138,11 @@ class Renderer:
 
     def frame(self, camera: Camera) -> Frame:
         """Draw one frame with what is there, and ask for what is not."""
-        before = self._uploaded
+        before = self.uploaded
         loaded = self.loader.take()
         self.tree.rows_of_pages(loaded.pages)
         self._grow()
-        self._waiting += [block for block in loaded.blocks if not self._resident[block[0]]]
+        self._take(loaded.blocks)
         changed = self._upload(self.upload_limit)
         if self._source is not None:
             self._source.waiting += loaded.sources
@@ -154,30 +150,28 @@ class Renderer:
         view = self._view(camera)
         lights = self._light_views()
         cuts = self._walk(view, lights)
+        moved = self._state(camera) != self._last
         if self.synchronous and not self.paused:
+            if self.occlusion and moved and self._wish(cuts):
+                cuts = self._test(cuts, view, lights)
             while (wish := self._wish(cuts)).pages or wish.nodes:
                 self.tree.rows_of_pages(wish.pages)
                 self._grow()
-                self._waiting = self.loader.read(self.tree.entries, wish.nodes)
-                if not self._upload(None) and not wish.pages:
+                if not self._read(wish.nodes) and not wish.pages:
                     break
                 changed = True
                 cuts = self._walk(view, lights)
                 if self.occlusion and self._wish(cuts):
-                    # What is hidden by what is here by now is not read (thesis, 4.6).
-                    self._keep(cuts)
-                    self._picture += 1
-                    self._draw(cuts, view, lights, whole=False)
-                    cuts = self._walk(view, lights)
+                    cuts = self._test(cuts, view, lights)
             if self._source is not None and (sources := self._sources(cuts[0])):
                 self._source.waiting = self._source.read(self.tree.entries, sources)
                 changed |= self._source.upload(None)
         else:
             self.loader.ask(Wish() if self.paused else self._wish(cuts), self.tree.entries)
-        self._keep(cuts)
+        self.voxels.keep(cuts)
         if self._source is not None:
             self._source.keep(cuts[0].undersampled)
-        state = (camera, self._size, self.pixel_error, self._relief, self.closed, self.occlusion)
+        state = self._state(camera)
         if changed or state != self._last:
             self._picture += 1
         same = state == self._last and not changed
@@ -192,17 +186,18 @@ class Renderer:
             probes=len(cut.probes),
             voxels=int(self.tree.count[drawn].sum()),
             wanted=wanted,
-            uploaded=self._uploaded - before,
-            converged=(self.paused or not (wanted or self._waiting))
+            uploaded=self.uploaded - before,
+            converged=(self.paused or not (wanted or self.voxels.on_way))
             and same
             and self._history.settled,
-            pixel_error=self.pixel_error * self._relief,
+            pixel_error=self.pixel_error * self.voxels.relief,
             deepest=int(self.tree.level[drawn].min()) if len(drawn) else -1,
         )
 
     @property
-    def _uploaded(self) -> int:
-        return self.voxels.uploaded + (0 if self._source is None else self._source.uploaded)
+    def uploaded(self) -> int:
+        """Bytes, since the start."""
+        return self.voxels.store.uploaded + (0 if self._source is None else self._source.uploaded)
 
     def converge(self, camera: Camera, frames: int = 10_000) -> Frame:
         """Draw until nothing changes any more, or so many frames."""
@@ -229,9 +224,8 @@ class Renderer:
                 break
 
     def _grow(self) -> None:
-        more = len(self.tree) - len(self._resident)
-        if more:
-            self._resident = np.concatenate((self._resident, np.zeros(more, np.bool_)))
+        if len(self.tree) > len(self.voxels.here):
+            self.voxels.grow()
             self._history.grow(len(self.tree))
             low, high = self._deformation.boxes(self.tree.low, self.tree.high)
             self._boxes = Boxes(low, high, self.tree.edge * self._deformation.stretch)
@@ -261,18 +255,30 @@ class Renderer:
             self._history.forget()
         nothing = np.zeros(len(self.tree), np.bool_)
         views = [(view, self._history.hidden, self.closed), *((v, nothing, True) for v in lights)]
-        error = self.pixel_error * self._relief
+        error = self.pixel_error * self.voxels.relief
         return [
             walk(
-                self.tree, of, self._resident, hidden, self._boxes,
+                self.tree, of, self.voxels.here, hidden, self._boxes,
                 pixel_error=error, closed=closed,
             )
             for of, hidden, closed in views
         ]  # fmt: skip
 
+    def _state(self, camera: Camera) -> tuple[object, ...]:
+        """What a picture depends on beside the blocks that are there."""
+        limits = self.pixel_error, self.voxels.relief, self.closed, self.occlusion
+        return camera, self._size, *limits
+
+    def _test(self, cuts: list[Cut], view: View, lights: list[View]) -> list[Cut]:
+        """The cuts without what is hidden by what is here: it is not read (thesis, 4.6)."""
+        self.voxels.keep(cuts)
+        self._picture += 1
+        self._draw(cuts, view, lights, whole=False)
+        return self._walk(view, lights)
+
     def _wish(self, cuts: list[Cut]) -> Wish:
         """What the cuts lack and is not on its way to the GPU already."""
-        on_way = {node for node, _ in self._waiting}
+        on_way = self.voxels.on_way
         nodes = dict.fromkeys(node for cut in cuts for node in cut.wanted.tolist())
         pages = frozenset(page for cut in cuts for page in cut.pages)
         wanted = [node for node in nodes if node not in on_way]
@@ -284,64 +290,33 @@ class Renderer:
             return []
         return self._source.lacking(self.tree, cut.undersampled)
 
+    def _read(self, nodes: Sequence[int]) -> bool:
+        """Read and upload blocks now; was there anything?"""
+        self._take(self.loader.read(self.tree.entries, nodes))
+        return self._upload(None)
+
+    def _take(self, blocks: Sequence[tuple[int, Words]]) -> None:
+        """Have blocks uploaded, without what a stencil cuts out, if that is where it does."""
+        if self._stencils and self._cut == "upload":
+            blocks = [
+                (node, without_cut(words, self.scene, self.file.matrix, *self._place(node)))
+                for node, words in blocks
+            ]
+        self.voxels.take(blocks)
+
     def _upload(self, limit: int | None) -> bool:
         """Upload what was read, up to so many bytes but one block at least; was there anything?"""
-        pool, size = self.voxels.pool, self.voxels.stride * WORD
-        ready: list[tuple[int, Words]] = []
-        total = 0
-        while self._waiting:
-            node, words = self._waiting[0]
-            if self._stencils and self._cut == "upload":
-                corner, level = self.tree.corner[node], int(self.tree.level[node])
-                words = without_cut(words, self.scene, self.file.matrix, corner, level)
-            bytes_ = len(words) * size
-            if ready and limit is not None and total + bytes_ > limit:
-                break
-            self._waiting.pop(0)
-            if self._resident[node] or node in pool:  # asked for again while it came
-                continue
-            if pool.nearly_full:
-                self.voxels.move(pool.defragment())
-            if pool.allocate(node, len(words)) is None:
-                self.voxels.move(pool.defragment())
-                if pool.allocate(node, len(words)) is None:
-                    self._relief *= RELIEF
-                    self._waiting.clear()
-                    break
-            ready.append((node, words))
-            total += bytes_
-        self._forget_evicted()
-        self.voxels.upload(ready)
+        uploaded = self.voxels.upload(limit)
         if self._stencils and self._cut == "memory":
-            for node, _ in ready:
-                corner = self.tree.corner[node] << self.tree.level[node]
-                place = look.uniforms(self.scene, self.file, corner)
-                self.painter.cut(node, int(self.tree.level[node]), Appearance(place))
-        self._resident[[node for node, _ in ready]] = True
-        return bool(ready)
+            for node in uploaded:
+                corner, level = self._place(node)
+                place = look.uniforms(self.scene, self.file, corner << level)
+                self.painter.cut(node, level, Appearance(place))
+        return bool(uploaded)
 
-    def _forget_evicted(self) -> None:
-        self._resident[self.voxels.pool.evicted] = False
-        self.voxels.pool.evicted.clear()
-
-    def _keep(self, cuts: list[Cut]) -> None:
-        """Release what the frame has no use for; what it has, is in use again."""
-        pool, tree = self.voxels.pool, self.tree
-        keep = np.zeros(len(tree), np.bool_)
-        keep[tree.roots] = True
-        for cut in cuts:
-            parents = np.unique(tree.parent[cut.wanted])
-            siblings = tree.children_of(parents[parents >= 0])
-            for needed in (cut.drawn, cut.probes, cut.inner, siblings):
-                keep[needed] = True
-        for node in np.flatnonzero(self._resident).tolist():
-            if keep[node] and node not in pool:
-                pool.resurrect(node)
-            elif not keep[node] and node in pool:
-                pool.release(node)
-        lacking = any(len(cut.wanted) for cut in cuts)
-        if self._relief > 1.0 and not lacking and pool.used < ROOMY * pool.capacity:
-            self._relief = max(1.0, self._relief / RELIEF)
+    def _place(self, node: int) -> tuple[NDArray[np.int64], int]:
+        """A block's corner, in voxels of its level, and that."""
+        return self.tree.corner[node], int(self.tree.level[node])
 
     def _draw(self, cuts: list[Cut], view: View, lights: list[View], *, whole: bool = True) -> None:
         tree, target, cut = self.tree, self.target, cuts[0]

@@ -11,12 +11,12 @@ from bisect import bisect_left
 from collections import OrderedDict
 from dataclasses import dataclass
 
-HIGH_WATERMARK = 0.95  # of the pool: what is above keeps room for moving blocks (thesis, 4.8)
+HIGH_WATERMARK = 0.95  # of the pool: above it, moving together is better done early (thesis, 4.8)
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A copy within the buffer, of items; source and target never overlap."""
+    """A copy within the buffer, of items; source and target may overlap."""
 
     source: int
     target: int
@@ -90,24 +90,15 @@ class Pool:
         return start
 
     def defragment(self) -> list[Move]:
-        """Forget the free list and move all blocks down, in order of their places.
-
-        A block that would overlap its own target goes by way of the space above all others; where
-        that is too small, in several pieces, each no longer than the gap below it.
-        """
+        """Forget the free list and move all blocks down, in order of their places."""
         self.evicted += self._free
         self._free.clear()
         self._gaps.clear()
         moves: list[Move] = []
-        end, ceiling = 0, self.top
+        end = 0
         for key, (start, count) in sorted(self._used.items(), key=lambda item: item[1]):
-            gap = start - end
-            if 0 < gap < count and ceiling + count <= self.capacity:
-                moves += [Move(start, ceiling, count), Move(ceiling, end, count)]
-            elif gap > 0:
-                moves += [
-                    Move(start + i, end + i, min(gap, count - i)) for i in range(0, count, gap)
-                ]
+            if start > end and count:
+                moves.append(Move(start, end, count))
             self._used[key] = (end, count)
             end += count
         self.top = end

@@ -83,14 +83,14 @@ def film(
                 "frame": number,
                 "time": float(script.times[0]) + number / script.fps,
                 **drawn(renderer, frame),
-                "uploaded": renderer.voxels.uploaded - uploaded,
+                "uploaded": renderer.uploaded - uploaded,
                 "milliseconds": round(1000 * (monotonic() - start), 3),
                 "cpu_milliseconds": round(1000 * (process_time() - worked), 3),
             }
             offscreen.save(pixels, folder / f"frame-{number:05d}.png")
             lines.write(json.dumps(line) + "\n")
             lines.flush()
-            uploaded = renderer.voxels.uploaded
+            uploaded = renderer.uploaded
             pace.says(f"frame {number + 1} of {script.frames}", number + 1, script.frames)
 
 

@@ -1,0 +1,34 @@
+"""Blocks in a buffer of the GPU keep their words, wherever the pool moves them."""
+
+import numpy as np
+import pytest
+
+from gstream_tools.view_gl import buffers
+from gstream_tools.view_gl.buffers import PoolBuffer
+
+
+def filled(context, counts, stride=2):
+    """A buffer that these blocks fill, and the words of each."""
+    held = PoolBuffer(context, sum(counts), stride)
+    rng = np.random.default_rng(1)
+    words = {
+        node: rng.integers(1 << 32, size=(count, stride), dtype=np.uint32)
+        for node, count in enumerate(counts)
+    }
+    for node, count in enumerate(counts):
+        held.pool.allocate(node, count)
+    held.upload(list(words.items()))
+    return held, words
+
+
+@pytest.mark.parametrize("staging", [buffers.STAGING_BYTES, 24])
+def test_blocks_are_intact_after_moves_by_less_than_their_length(context, monkeypatch, staging):
+    monkeypatch.setattr(buffers, "STAGING_BYTES", staging)
+    held, words = filled(context, [1, 500, 3, 7, 2, 40])
+    for node in (0, 3):
+        held.pool.release(node)
+    moves = held.pool.defragment()
+    assert any(move.source - move.target < move.count for move in moves), "none overlaps"
+    held.move(moves)
+    for node in (1, 2, 4, 5):
+        assert np.array_equal(held.read(node), words[node])
