@@ -1,7 +1,7 @@
 """What the OpenGL viewer's knobs cost, and what they change in a picture.
 
 The viewer, `python -m gstream_tools.view_gl`, is a program that gstream does not import. Each point
-is a film of a camera that stands still, in fresh processes.
+is a film of a camera that stands still, in fresh processes; then one of a camera that hardly moves.
 """
 
 import json
@@ -20,8 +20,10 @@ from gstream.report.runs import fresh, prepared
 from gstream.report.truth.pictures import (
     BACKGROUND,
     differing_pixels,
+    flicker,
     picture_errors,
     read_picture,
+    shortfall,
 )
 from gstream.report.truth.scene import Codes
 from gstream.report.truth.scenes import SCENES
@@ -31,6 +33,8 @@ SCENE = "torus"  # of the built-in ones: it hides itself
 FINENESS = 2  # voxels per axis of the file that is viewed, in those of the default
 FINER = 8  # pixels along an edge of the reference's, for each of the picture's
 FRAMES = 4  # of a point: the first reads, the others draw what is there
+MOVING = 17  # frames of the camera that moves
+STEP = 43  # degrees that it turns in a frame, times the resolution: an eighth of a pixel outside
 LONGEST = 4096  # frames until a picture that streams must be final
 PIXEL_ERROR = 1
 BASE: dict[str, Any] = {
@@ -47,7 +51,7 @@ BASE: dict[str, Any] = {
     "budget.upload_per_frame": 1 << 20,
 }
 LIGHT = "[[light]]\ndirection = [-1, 1, -2]\n"
-VIEW = {"azimuth": 35, "elevation": 40}
+AZIMUTH, ELEVATION = 35, 40
 LEFT_OUT = (2, 6)  # exit codes: a module is missing, no OpenGL
 
 
@@ -65,6 +69,7 @@ class Views:
         self._file = folder / "scene.gsb"
         self._samples: dict[tuple[str, Any], Samples] = {}
         self._pictures: dict[tuple[str, Any], Codes] = {}
+        self._moments: dict[tuple[str, Any], dict[str, float]] = {}  # errors of films
 
     def series(self) -> list[Series]:
         """Every value of every knob once, then all of them again.
@@ -119,7 +124,13 @@ class Views:
             self._samples[key].add(seconds, counts)
         else:
             self._samples[key] = Samples(seconds, counts)
-            self._pictures[key] = self._picture(len(lines))
+            self._pictures[key] = self._picture(len(lines) - 1)
+            if "frames" in knob.costs:
+                frames = [self._picture(i) for i in range(counts["frames"])]
+                self._moments[key] = shortfall(frames)
+            elif not knob.same:
+                self._film(changed, MOVING, turn=STEP / self._resolution)
+                self._moments[key] = {"flicker": flicker([self._picture(i) for i in range(MOVING)])}
 
     def _streamed(self, changed: Mapping[str, Any]) -> list[dict[str, Any]]:
         frames = 16
@@ -140,6 +151,7 @@ class Views:
             sample.differing = differing_pixels(picture, default)
             if finer is not None:
                 sample.errors = picture_errors(picture, finer)
+            sample.errors = {**sample.errors, **self._moments.get((knob.name, value), {})}
             points.append(sample.point(knob, value))
         return Series(scene, knob, tuple(points))
 
@@ -148,20 +160,23 @@ class Views:
         otherwise of those in the picture. No driver averages them."""
         error = 0 if knob.key == "lod.pixel_error" else FINER * PIXEL_ERROR
         self._film({"lod.pixel_error": error, "camera.samples": 1}, 1, FINER)
-        return self._picture(1)
+        return self._picture(0)
 
     def _film(
-        self, changed: Mapping[str, Any], frames: int, finer: int = 1
+        self, changed: Mapping[str, Any], frames: int, finer: int = 1, turn: float = 0.0
     ) -> list[dict[str, Any]]:
-        """The lines of frames.jsonl of a camera that stands still."""
+        """The lines of frames.jsonl of a camera that turns by so many degrees a frame."""
         settings = {**BASE, **changed}
         lines = [f"{key} = {json.dumps(value)}\n" for key, value in settings.items()]
         (self._folder / "scene.toml").write_text("".join(lines) + LIGHT)
-        keys = [{"time": time, **VIEW} for time in sorted({0, frames - 1})]
-        (self._folder / "still.json").write_text(json.dumps({"fps": 1, "keys": keys}))
+        keys = [
+            {"time": time, "azimuth": AZIMUTH + turn * time, "elevation": ELEVATION}
+            for time in sorted({0, frames - 1})
+        ]
+        (self._folder / "path.json").write_text(json.dumps({"fps": 1, "keys": keys}))
         width, height = finer * (self._resolution // 3), finer * (self._resolution // 4)
         done = self._run(
-            "--scene", self._folder / "scene.toml", "--path", self._folder / "still.json",
+            "--scene", self._folder / "scene.toml", "--path", self._folder / "path.json",
             "--frames", self._folder / "frames", "--size", f"{width}x{height}",
             *(["--sync"] if settings["budget.io"] == "sync" else []), "--force", "--quiet",
         )  # fmt: skip
@@ -169,9 +184,9 @@ class Views:
         found = (self._folder / "frames" / "frames.jsonl").read_text().splitlines()
         return [json.loads(line) for line in found]
 
-    def _picture(self, frames: int) -> Codes:
-        """The last of so many frames."""
-        return read_picture(self._folder / "frames" / f"frame-{frames - 1:05d}.png")
+    def _picture(self, number: int) -> Codes:
+        """A frame of the last film."""
+        return read_picture(self._folder / "frames" / f"frame-{number:05d}.png")
 
     def _run(self, *options: object) -> CompletedProcess[str]:
         command = [sys.executable, "-P", "-m", "gstream_tools.view_gl", self._file, *options]

@@ -28,6 +28,9 @@ ERRORS = {  # heads of the other errors' columns
     "colour_max": "colour, max",
     "image_rms": "picture, rms",
     "edge_rms": "its edges, rms",
+    "flicker": "flicker, rms",
+    "holes": "holes, pictures",
+    "unfinished": "unfinished, pictures",
 }
 COUNTS = {  # heads of their columns
     "triangles": "triangles",
@@ -43,7 +46,10 @@ VIEWED = (
     "Knobs of the viewer are turned on one still picture: CPU seconds of a frame that shows what "
     "the one before did, voxels drawn, bytes uploaded to the graphics card, and those read of the "
     "file, whose first levels, up to 4 MiB, come with its head. Errors are those against a picture "
-    "with 64 samples in each pixel: of finest voxels for the pixel error, else of the same voxels."
+    "with 64 samples in each pixel: of finest voxels for the pixel error, else of the same voxels. "
+    "Flicker is how unevenly pixels change while the camera turns by an eighth of a pixel a frame. "
+    "Holes and unfinished are what a picture that streams lacks of its last frame, parts of its "
+    "pixels added up over the frames."
 )
 
 

@@ -10,7 +10,13 @@ from gstream.errors import GstreamError
 from gstream.report import accuracy, views
 from gstream.report.knobs import knobs, shown
 from gstream.report.results import as_dict
-from gstream.report.truth.pictures import differing_pixels, picture_errors, read_picture
+from gstream.report.truth.pictures import (
+    differing_pixels,
+    flicker,
+    picture_errors,
+    read_picture,
+    shortfall,
+)
 from gstream.report.words import markdown, price
 
 GREY, BLUE = (188, 188, 188), (0, 0, 128)
@@ -45,6 +51,19 @@ def test_pixels_differ_in_any_channel_and_count_once(tmp_path):
     assert differing_pixels(one, read_picture(tmp_path / "other.png")) == 2
 
 
+def test_what_changes_evenly_does_not_flicker_and_what_blinks_does():
+    even = [picture([(40 + 8 * i, 90, 90), BLUE]) for i in range(9)]
+    assert flicker(even) == 0
+    assert flicker([picture([(30 if i % 2 else 40, 0, 0)]) for i in range(9)]) == (400 / 3) ** 0.5
+    assert flicker([picture([GREY, BLUE])] * 3) == 0
+
+
+def test_an_object_of_which_half_is_late_by_two_frames_lacks_a_whole_picture():
+    half, wrong, whole = picture([GREY, BLUE, BLUE]), [(9, 9, 9), GREY, BLUE], [GREY, GREY, BLUE]
+    assert shortfall([half, half, picture(whole)]) == {"holes": 1.0, "unfinished": 1.0}
+    assert shortfall([half, picture(wrong), picture(whole)]) == {"holes": 0.5, "unfinished": 1.0}
+
+
 def test_the_small_scenes_are_viewed_only_where_a_knob_of_the_viewer_is_named():
     assert not [knob for knob in accuracy.plan_of("small", None, (), 1).knobs if knob.key]
     named = accuracy.plan_of("small", None, VIEWED, 1).knobs
@@ -67,7 +86,7 @@ def viewer(monkeypatch):
     def install(answer, most=4):
         held = {}
 
-        def film(self, changed, frames, finer=1):
+        def film(self, changed, frames, finer=1, turn=0.0):
             lines, held["picture"] = answer(changed, frames, finer)
             return lines
 

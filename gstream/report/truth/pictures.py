@@ -1,9 +1,10 @@
-"""How far a picture is from one with many samples in each pixel, in codes of 8 bits.
+"""How far a picture is from one with many samples in each pixel, in codes of 8 bits; and frames.
 
-Both show a grey object that is nowhere black, on BACKGROUND, which is no grey: the colours
+All show a grey object that is nowhere black, on BACKGROUND, which is no grey: the colours
 themselves say what of a pixel the object covers.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,33 @@ def picture_errors(picture: Codes, finer: Codes) -> dict[str, float]:
 def differing_pixels(picture: Codes, other: Codes) -> int:
     """Pixels of two pictures of one size that are not the same."""
     return int((picture != other).any(axis=-1).sum())
+
+
+def flicker(frames: Sequence[Codes]) -> float:
+    """How unevenly pixels change while the camera moves evenly, by less than a pixel a frame.
+
+    Root mean square of the second differences in time, over the pixels that ever show the object:
+    of a picture without aliases it would be near 0 (Chajdas 2014, 4.10).
+    """
+    codes = np.stack(frames).astype(np.float64)
+    shown = (np.stack(frames)[..., 0] > 0).any(axis=0)
+    uneven = codes[:-2] - 2 * codes[1:-1] + codes[2:]
+    return float(np.sqrt((uneven[:, shown] ** 2).mean()))
+
+
+def shortfall(frames: Sequence[Codes]) -> dict[str, float]:
+    """What was still missing while the last frame's picture came about, in whole pictures.
+
+    Each is a sum over all frames: parts of the object's pixels that showed the background, and
+    parts that were not yet what they became.
+    """
+    last = frames[-1]
+    shown = last[..., 0] > 0
+    pixels = max(int(shown.sum()), 1)
+    return {
+        "holes": sum(int((shown & (f[..., 0] == 0)).sum()) for f in frames) / pixels,
+        "unfinished": sum(int(((f != last).any(axis=-1) & shown).sum()) for f in frames) / pixels,
+    }
 
 
 def _cells(values: NDArray[Any], picture: Codes) -> NDArray[Any]:
