@@ -57,6 +57,15 @@ def tree_of(seed, voxels=700):
     return whole_tree(opened(stored(seed, voxels)))
 
 
+def ancestors(tree, nodes):
+    """All blocks above nodes, each once."""
+    found = set()
+    for node in nodes:
+        while (node := int(tree.parent[node])) >= 0:
+            found.add(node)
+    return sorted(found)
+
+
 def boxes_of(tree):
     return Boxes(tree.low, tree.high, tree.edge)
 

@@ -31,6 +31,7 @@ class Target:
 
     folder: Path
     popen: Callable[..., object]  # starts its workers
+    options: tuple[str, ...]
     whole: bytes = b""
     units: int = 0
     seconds: float = 0.0  # that it takes
@@ -49,7 +50,14 @@ class Target:
             os.setsid()
             subprocess.Popen = self.popen  # type: ignore[assignment,misc]
             os.dup2(os.open(self.folder / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
-            arguments = ("build", self.folder / "s.ply", "-o", self.output, *SETTINGS)
+            arguments = (
+                "build",
+                self.folder / "s.ply",
+                "-o",
+                self.output,
+                *SETTINGS,
+                *self.options,
+            )
             more = ("--tmp", self.folder, "--workers", WORKERS, "--report", self.folder / "report")
             code = status([str(argument) for argument in (*arguments, *more)])
         finally:
@@ -83,8 +91,8 @@ class Target:
 @pytest.fixture
 def target(tmp_path, request) -> Target:
     write_ply(tmp_path / "s.ply", *sphere(80))
-    target = Target(tmp_path, request.param)
-    if request.param is not subprocess.Popen:  # then what this process has loaded, workers have
+    target = Target(tmp_path, *request.param)
+    if target.popen is not subprocess.Popen:  # then what this process has loaded, workers have
         for name in (*INGEST, *VOXELIZE):
             getattr(importlib.import_module(f"gstream.stages.{name}"), "warm", lambda: None)()
     for _ in range(2):  # the second does not compile
@@ -126,8 +134,9 @@ def disturb(target: Target, child: int, random: Random) -> tuple[int, int | None
 @pytest.mark.parametrize(
     ("target", "wanted"),
     [
-        pytest.param(subprocess.Popen, 40, id="40"),
-        pytest.param(forked(serve), 1000, id="1000", marks=pytest.mark.long),
+        pytest.param((subprocess.Popen, ()), 40, id="40"),
+        pytest.param((forked(serve), ("--keep-geometry",)), 20, id="20, source triangles"),
+        pytest.param((forked(serve), ()), 1000, id="1000", marks=pytest.mark.long),
     ],
     indirect=["target"],
 )

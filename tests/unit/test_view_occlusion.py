@@ -7,7 +7,7 @@ pass although nothing below them does, since coarse voxels are larger than what 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from view_trees import GRID, UNIT, boxes_of, cover, tree_of
+from view_trees import GRID, UNIT, ancestors, boxes_of, cover, tree_of
 
 from gstream_tools.view_gl.camera import Camera, View
 from gstream_tools.view_gl.visibility import Occlusion, walk
@@ -36,7 +36,7 @@ class Viewer:
         self.passing = rng.random(len(tree)) < hulls
         self.passing[tree.level == 0] = False
         self.passing[self.visible] = True
-        self.passing[tree.ancestors(np.flatnonzero(self.visible))] = True
+        self.passing[ancestors(tree, np.flatnonzero(self.visible))] = True
         self.picture += 1
 
     def frame(self):
@@ -108,7 +108,7 @@ def test_once_drawn_what_is_visible_stays_drawn(viewer):
 def test_a_branch_that_is_occluded_sinks_to_its_coarsest_block(viewer):
     cut = viewer.settle(2 * LEVELS)
     tree = viewer.tree
-    needed = set(tree.ancestors(np.flatnonzero(viewer.visible)).tolist())
+    needed = set(ancestors(tree, np.flatnonzero(viewer.visible)))
     assert set(cut.inner.tolist()) == needed
     expected = tree.children_of(np.array(sorted(needed), np.int64))
     ends = [n for n in expected.tolist() if n not in needed] if needed else tree.roots.tolist()

@@ -11,6 +11,7 @@ from view_trees import (
     GRID,
     SIZE,
     UNIT,
+    ancestors,
     boxes_of,
     cover,
     names,
@@ -84,15 +85,6 @@ def test_boxes_hold_the_boxes_of_children_and_no_more_than_their_block():
     edge = tree.edge[:, None]
     assert (tree.low >= tree.corner * edge).all()
     assert (tree.high <= (tree.corner + 8) * edge).all()
-
-
-def test_ancestors_are_all_blocks_above_each_once():
-    tree = tree_of(0)
-    leaf = int(np.flatnonzero(tree.level == 0)[0])
-    chain = {(level, int(tree.key[leaf]) >> 3 * level) for level in range(1, 4)}
-    above = tree.ancestors(np.array([leaf, leaf]))
-    assert names(tree, above) == chain
-    assert len(above) == 3
 
 
 def test_a_link_says_which_pages_it_lacks_and_finds_children_when_they_came():
@@ -187,7 +179,7 @@ def test_inner_blocks_come_before_those_below_them_and_are_not_drawn(found):
     tree, *_, cut = found
     assert (np.diff(tree.level[cut.inner]) <= 0).all()
     assert not set(cut.inner.tolist()) & {*cut.drawn.tolist(), *cut.probes.tolist()}
-    assert set(cut.inner.tolist()) >= set(tree.ancestors(cut.drawn).tolist())
+    assert set(cut.inner.tolist()) >= set(ancestors(tree, cut.drawn))
 
 
 @given(trees, seeds, seeds)

@@ -79,15 +79,6 @@ class PoolBuffer:
                 )
                 self._copy(self._staging, 0, target + at, piece)
 
-    def read(self, node: int) -> Words:
-        """What the GPU has of a block: (n, stride)."""
-        place = self.pool.place(node)
-        if place is None:
-            raise ValueError(f"block {node} has no place")
-        size = self.stride * WORD
-        data = self.buffer.read(place[1] * size, offset=place[0] * size)
-        return np.frombuffer(data, np.uint32).reshape(-1, self.stride)
-
     def _copy(self, source: moderngl.Buffer, begin: int, target: int, length: int) -> None:
         self._context.copy_buffer(
             self.buffer, source, length, read_offset=begin, write_offset=target

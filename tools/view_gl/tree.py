@@ -111,15 +111,6 @@ class Tree:
         starts = np.repeat(self.first_child[nodes] - (np.cumsum(counts) - counts), counts)
         return starts + np.arange(len(starts))
 
-    def ancestors(self, nodes: Nodes) -> Nodes:
-        """All blocks above nodes, each once."""
-        found: list[Nodes] = []
-        while len(nodes):
-            nodes = np.unique(self.parent[nodes])
-            nodes = nodes[nodes >= 0]
-            found.append(nodes)
-        return np.unique(np.concatenate(found)) if found else nodes
-
     def rows_of_pages(self, pages: Iterable[int]) -> None:
         """Read several pages."""
         for page in sorted(pages):
