@@ -27,7 +27,7 @@ def html(report: Report) -> str:
     body = ["<h1>What accuracy costs</h1>"]
     if not plots:
         body.append(f"<p>{escape(MISSING)}</p>")
-    body += [f"<p>{escape(note)}.</p>" for note in report.notes]
+    body += [f"<p>{escape(paragraph)}</p>" for paragraph in words.legend(report)]
     for knob in report.plan.knobs:
         series = [s for s in report.series if s.knob.name == knob.name]
         if not series:

@@ -129,26 +129,31 @@ def _time_ratio(start: Point, end: Point) -> float | None:
     return None if min(ratios) <= 1 <= max(ratios) else median(ratios)
 
 
-def markdown(report: Report) -> str:
-    """report.md: a table for each knob and scene, under the sentence that reads it."""
-    lines = [
-        "# What accuracy costs",
-        "",
+def legend(report: Report) -> list[str]:
+    """How to read the tables, and what could not be measured, in paragraphs."""
+    said = [
         f"Each value has the median CPU seconds of its fresh processes ({report.plan.runs}), "
         "kernels loaded before. One knob is turned, all others stay at their defaults. Distances "
         f"are in voxels of the default resolution, {report.plan.resolution}; all files keep their "
-        "weights. Knobs without an option are other forms of one step, measured alone.",
-        "",
+        "weights. Knobs without an option are other forms of one step, measured alone."
+    ]
+    if any(series.knob.key for series in report.series):
+        said.append(VIEWED)
+    return said + [f"{note}." for note in report.notes]
+
+
+def markdown(report: Report) -> str:
+    """report.md: a table for each knob and scene, under the sentence that reads it."""
+    lines = ["# What accuracy costs", ""]
+    for paragraph in legend(report):
+        lines += [paragraph, ""]
+    lines += [
         "| scene | triangles | the mesh's own distance from the surface, voxels |",
         "|---|---|---|",
     ]
     lines += [
         f"| {s['name']} | {s['triangles']:,} | {s['floor_voxels']:.1g} |" for s in report.scenes
     ]
-    if any(series.knob.key for series in report.series):
-        lines += ["", VIEWED]
-    for note in report.notes:
-        lines += ["", f"{note}."]
     for series in report.series:
         lines += ["", f"## {series.knob.title}, {series.scene}", "", f"**{price(series)}**", ""]
         rows = cells(series)
