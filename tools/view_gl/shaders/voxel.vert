@@ -1,6 +1,6 @@
 // Unpacks a voxel: place, the faces that the eye can see, colour (Chajdas 2014, 4.3.2).
 // It is shaded here, once: its attributes are the same all over it, and fragments are many more. With
-// SRAA it is not: only its number is drawn, and shade.frag looks the voxel up.
+// SRAA it is not: only its number is drawn, and numbered.frag looks the voxel up.
 
 in uint voxel;          // x | y << 8 | z << 16 | mask << 24, in the block
 #ifdef LIT
