@@ -24,7 +24,6 @@ from gstream.run.budget import DiskNeed, check_disk, disk_of_ingest, disk_of_vox
 from gstream.run.fingerprint import fingerprint
 from gstream.run.jobs import read_record, size_of
 from gstream.run.journal import Identity, folder_name, job_folder
-from gstream.run.local import RESUME, disk_errors
 from gstream.run.paths import check_paths, scratch_place
 from gstream.run.pipeline import RunReport, Stage, run_job
 from gstream.run.progress import (
@@ -38,6 +37,7 @@ from gstream.run.progress import (
 )
 from gstream.run.publish import is_finished, sync_folder
 from gstream.run.wanted import wanted_of_meshes, wanted_of_stream
+from gstream.run.worker import RESUME, disk_errors
 from gstream.scene import Resolution, read_scene
 
 INGEST = ("spill", "ingest")

@@ -1,153 +1,37 @@
 """Processes of this machine: workers, signals and locks.
 
-The only module that knows any of these. A worker is a fresh interpreter that talks over one pipe
-and lives for the whole job; it dies with its parent. Decisions are made in `schedule.py`.
+Nothing else but `worker.py` knows any of these. Decisions are made in `schedule.py`.
 """
 
 import contextlib
-import errno
 import fcntl
-import importlib
 import os
-import shutil
 import signal
 import socket
-import subprocess
-import sys
 import threading
-import traceback
 from collections.abc import Callable, Iterator, Sequence
-from multiprocessing.connection import Connection, wait
-from time import perf_counter
+from multiprocessing.connection import wait
 from types import FrameType, TracebackType
-from typing import Protocol, Self
+from typing import Self
 
-from gstream.errors import GstreamError, StoppedError, UsageError
+from gstream.errors import StoppedError, UsageError
 from gstream.job import Job, Unit
 from gstream.run.schedule import ATTEMPTS, Died, Done, Event, Ready, Schedule
+from gstream.run.worker import OURS, RESUME, Worker, WorkingStage, attempt
 
 LOCK_FILE = "lock"
-RESUME = "run the same command again to resume"
 STOP_SECONDS = 1.5  # a kernel in this process cannot be interrupted: leave without it
-DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EACCES, errno.EROFS}
 
 
 Finished = Callable[[Unit, float], None]  # told of each unit that is done, and its seconds
 LeftOut = Callable[[Unit, str], None]  # told of each unit that is not tried again, and its cause
 
 
-class WorkingStage(Protocol):
-    """What an executor needs of a stage."""
-
-    __name__: str
-
-    def work(self, job: Job, unit: Unit) -> None: ...
-
-
-class UnitError(Exception):
-    """A unit failed in a way that nobody foresaw: an error of ours."""
-
-    def __init__(self, where: str, said: str, trace: str) -> None:
-        super().__init__(where, said, trace)
-        self.where, self.said, self.trace = where, said, trace
-
-    def __str__(self) -> str:
-        return f"{self.where}: {self.said}"
-
-
-# --- errors of the system, made ours ------------------------------------------------------------
-
-
-@contextlib.contextmanager
-def disk_errors(job: Job, where: str) -> Iterator[None]:
-    """Turn a full or failing disk and exhausted memory into a StoppedError that names `where`."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in DISK_ERRORS:
-            raise
-        place = error.filename or _fullest(job)
-        denied = error.errno in (errno.EACCES, errno.EROFS)
-        remedy = "allow writing there" if denied else "free some space"
-        said = f"{place}: {os.strerror(error.errno or 0)} in {where}"
-        raise StoppedError(said, f"{remedy}, then {RESUME}") from error
-    except MemoryError as error:
-        said = f"out of memory in {where}"
-        raise StoppedError(said, f"give fewer --workers, then {RESUME}") from error
-
-
-def _fullest(job: Job) -> str:
-    """The one of the job's two folders with less space left: a write error names no file."""
-    folders = (job.folder, os.path.dirname(os.path.abspath(job.output)))
-    return min(folders, key=lambda folder: shutil.disk_usage(folder).free)
-
-
-# --- the worker's side --------------------------------------------------------------------------
-
-
-def serve(descriptor: int) -> None:
-    """A worker: receive (stage, job, unit), answer (error or None, seconds) until the pipe ends."""
-    _die_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all of us; the parent decides
-    with Connection(descriptor) as pipe, contextlib.suppress(EOFError, BrokenPipeError):
-        while True:
-            name, job, unit = pipe.recv()
-            pipe.send(_attempt(importlib.import_module(name), job, unit))
-
-
-def _attempt(stage: WorkingStage, job: Job, unit: Unit) -> tuple[Exception | None, float]:
-    began = perf_counter()
-    error = _error_of(stage, job, unit)
-    return error, perf_counter() - began
-
-
-def _error_of(stage: WorkingStage, job: Job, unit: Unit) -> Exception | None:
-    where = f"stage {unit.stage}, unit {unit.name}"
-    try:
-        with disk_errors(job, where):
-            stage.work(job, unit)
-    except GstreamError as error:
-        return error
-    except Exception as error:
-        return UnitError(where, f"{type(error).__name__}: {error}", traceback.format_exc())
-    return None
-
-
-def _die_with_parent() -> None:
-    """Ask Linux for SIGKILL when the parent ends: an orphan would disturb the job's next run."""
-    if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None).prctl(1, int(signal.SIGKILL))  # 1 = PR_SET_PDEATHSIG
-
-
-# --- the parent's side --------------------------------------------------------------------------
-
-
-class Worker:
-    """One worker process and the parent's end of its pipe."""
-
-    def __init__(self) -> None:
-        ours, theirs = socket.socketpair()
-        with theirs:
-            code = f"import sys; sys.path[:] = {sys.path!r}; from gstream.run.local import serve; "
-            # Not multiprocessing.Process: its spawn imports the caller's __main__ again, so that a
-            # script calling gstream.build() without a main guard would start itself in a loop.
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-c", f"{code}serve({theirs.fileno()})"],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-            )
-        self.pipe = Connection(ours.detach())
-
-    def kill(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        self.pipe.close()
+# --- workers ------------------------------------------------------------------------------------
 
 
 class Workers:
-    """The workers of one job: started when first needed, kept until the job ends."""
+    """The workers of one job: started when first needed; copies anew for each stage."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -184,7 +68,7 @@ class Workers:
             _run_here(stage, job, units, done)
             return
         for index, worker in enumerate(self._workers):
-            if worker.process.poll() is not None:
+            if not worker.is_current:
                 worker.kill()
                 self._workers[index] = Worker()
         while len(self._workers) < wanted:
@@ -194,7 +78,7 @@ class Workers:
 
 def _run_here(stage: WorkingStage, job: Job, units: Sequence[Unit], done: Finished) -> None:
     for unit in units:
-        error, seconds = _attempt(stage, job, unit)
+        error, seconds = attempt(stage, job, unit)
         if error is not None:
             raise error
         done(unit, seconds)
@@ -244,13 +128,13 @@ class _Round:
 
     def _replace(self, index: int) -> None:
         """Bury worker `index`; one that died idle is replaced when a stage needs it again."""
-        dead, unit = self._workers[index], self._schedule.running(index)
-        dead.kill()
+        unit = self._schedule.running(index)
+        status = self._workers[index].kill()
         self._tell(Died(index))
         if unit is not None:
-            self._ends[unit] = dead.process.returncode
+            self._ends[unit] = status
             if unit in self._schedule.quarantined:
-                self._left_out(self._units[unit], _cause(dead.process.returncode))
+                self._left_out(self._units[unit], _cause(status))
             self._workers[index] = Worker()
             self._tell(Ready(index))
 
@@ -319,7 +203,9 @@ def stop_on_signals(half_written: Sequence[str]) -> Iterator[None]:
     wake.setblocking(False)
     wakeup_before = signal.set_wakeup_fd(wake.fileno(), warn_on_full_buffer=False)
     over = threading.Event()
-    watch = threading.Thread(target=_leave_anyway, args=(woken, over, half_written), daemon=True)
+    watch = threading.Thread(
+        target=_leave_anyway, args=(woken, over, half_written), name=f"{OURS}signals", daemon=True
+    )
     watch.start()
     try:
         yield

@@ -13,7 +13,7 @@ from time import perf_counter
 from typing import Any, Protocol
 
 from gstream.job import Job, Summary, Unit
-from gstream.run.local import Workers, disk_errors, stop_on_signals
+from gstream.run.local import Workers, stop_on_signals
 from gstream.run.progress import (
     Kernels,
     Memory,
@@ -28,6 +28,7 @@ from gstream.run.progress import (
 )
 from gstream.run.publish import UNITS_FILE, Scratch
 from gstream.run.usage import MemorySampler, Usage, tree_usage
+from gstream.run.worker import disk_errors
 
 
 class Stage(Protocol):

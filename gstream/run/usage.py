@@ -83,7 +83,7 @@ class MemorySampler:
         self._told = told
         self._peaks = [0]  # of each stage; the last one is running
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._loop, daemon=True)
+        self._thread = threading.Thread(target=self._loop, name="gstream memory", daemon=True)
 
     @property
     def peak(self) -> int:

@@ -4,7 +4,6 @@ import importlib
 import json
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,10 +12,9 @@ from random import Random
 
 import pytest
 from e2e.meshes import sphere, write_ply
-from faults.forked import forked
 
+from gstream.run import worker
 from gstream.run.commands import INGEST, VOXELIZE
-from gstream.run.local import serve
 from gstream_cli.main import status
 
 WORKERS = 2
@@ -25,12 +23,16 @@ MOST_KILLS = 3  # of one run: a unit that is hit by three is left out
 STUCK_SECONDS = 120
 
 
+def copy(pipe: int) -> worker.Process:
+    return worker.Fork(worker.serve, pipe)
+
+
 @dataclass(frozen=True, slots=True)
 class Target:
     """A job to kill, and what it makes when nobody does."""
 
     folder: Path
-    popen: Callable[..., object]  # starts its workers
+    start_worker: Callable[[int], worker.Process]
     options: tuple[str, ...]
     whole: bytes = b""
     units: int = 0
@@ -48,7 +50,7 @@ class Target:
         code = 1
         try:
             os.setsid()
-            subprocess.Popen = self.popen  # type: ignore[assignment,misc]
+            worker.start = self.start_worker
             os.dup2(os.open(self.folder / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
             arguments = (
                 "build",
@@ -92,9 +94,8 @@ class Target:
 def target(tmp_path, request) -> Target:
     write_ply(tmp_path / "s.ply", *sphere(80))
     target = Target(tmp_path, *request.param)
-    if target.popen is not subprocess.Popen:  # then what this process has loaded, workers have
-        for name in (*INGEST, *VOXELIZE):
-            getattr(importlib.import_module(f"gstream.stages.{name}"), "warm", lambda: None)()
+    for name in (*INGEST, *VOXELIZE):  # what this process has loaded, runs and their copies have
+        getattr(importlib.import_module(f"gstream.stages.{name}"), "warm", lambda: None)()
     for _ in range(2):  # the second does not compile
         target.output.unlink(missing_ok=True)
         began = time.monotonic()
@@ -134,9 +135,9 @@ def disturb(target: Target, child: int, random: Random) -> tuple[int, int | None
 @pytest.mark.parametrize(
     ("target", "wanted"),
     [
-        pytest.param((subprocess.Popen, ()), 40, id="40"),
-        pytest.param((forked(serve), ("--keep-geometry",)), 20, id="20, source triangles"),
-        pytest.param((forked(serve), ()), 1000, id="1000", marks=pytest.mark.long),
+        pytest.param((worker.fresh, ()), 40, id="40"),
+        pytest.param((copy, ("--keep-geometry",)), 20, id="20, source triangles"),
+        pytest.param((copy, ()), 1000, id="1000", marks=pytest.mark.long),
     ],
     indirect=["target"],
 )

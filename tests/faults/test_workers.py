@@ -4,16 +4,22 @@ import errno
 import os
 import re
 import signal
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from faults.disk import Disk, Told
-from faults.forked import Forked, forked
 from faults.test_disk_errors import ERRORS, WRITING, failing
 
-from gstream.run import local
+from gstream.run import worker
+
+
+class Kept:
+    """A copy that lives for the whole job, as an interpreter of its own does: its operations are
+    numbered through all stages."""
+
+    def __init__(self, process: worker.Fork) -> None:
+        self.poll, self.wait, self.kill = process.poll, process.wait, process.kill
 
 
 @pytest.fixture
@@ -23,16 +29,16 @@ def build(tiny, monkeypatch) -> Callable[..., tuple[int, str]]:
     def run(*tolds: Told) -> tuple[int, str]:
         left = iter(tolds)
 
-        def popen(*arguments: object, **named: object) -> Forked:
+        def start(pipe: int) -> worker.Process:
             told = next(left, lambda *_: None)
 
             def serve(pipe: int) -> None:
                 with Disk(tiny.place, told).installed():
-                    local.serve(pipe)
+                    worker.serve(pipe)
 
-            return forked(serve)(*arguments, **named)
+            return Kept(worker.Fork(serve, pipe))
 
-        monkeypatch.setattr(subprocess, "Popen", popen)
+        monkeypatch.setattr(worker, "start", start)
         return tiny.build("--workers", 1)
 
     return run

@@ -17,7 +17,6 @@ from gstream.errors import (
     UnsupportedError,
     UsageError,
 )
-from gstream.run.local import UnitError
 from gstream.run.progress import (
     Event,
     Kernels,
@@ -27,6 +26,7 @@ from gstream.run.progress import (
     StageEnds,
     UnitDone,
 )
+from gstream.run.worker import UnitError
 from gstream_cli import main, options
 from gstream_cli.pace import clock
 from gstream_cli.progress import Bars, Blocks, Lines

@@ -20,10 +20,10 @@ from gstream.run.budget import (
     check_disk,
     plan_memory,
 )
-from gstream.run.local import UnitError
 from gstream.run.pipeline import run_job
 from gstream.run.progress import Event, Memory, Resumed, StageBegins, StageEnds, UnitLeftOut
 from gstream.run.usage import tree_memory, tree_usage
+from gstream.run.worker import UnitError
 from unit import toy_stage
 
 

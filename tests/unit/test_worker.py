@@ -1,0 +1,90 @@
+"""run/worker: how a worker starts, and what it has of the process that starts it."""
+
+import os
+import signal
+import socket
+import sys
+import threading
+
+import pytest
+
+from gstream.run import worker
+from gstream.run.worker import OURS, Fork, Worker, may_fork
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="nothing is forked elsewhere")
+
+
+@pytest.fixture
+def beside(monkeypatch):
+    """Threads of these names, and no others, run beside the main one."""
+    over = threading.Event()
+    threads = []
+
+    def run(*names):
+        threads.extend(threading.Thread(target=over.wait, name=name) for name in names)
+        for thread in threads:
+            thread.start()
+        monkeypatch.setattr(threading, "enumerate", lambda: [threading.main_thread(), *threads])
+
+    yield run
+    over.set()
+    for thread in threads:
+        thread.join()
+
+
+def test_a_process_with_threads_of_ours_alone_is_copied(beside):
+    beside(f"{OURS}memory", f"{OURS}signals")
+    assert may_fork()
+
+
+def test_a_process_with_a_thread_that_nobody_knows_is_not_copied(beside, monkeypatch):
+    beside(f"{OURS}memory", "heartbeat")
+    assert not may_fork()
+    monkeypatch.setattr(worker, "Fork", None)
+    started = Worker()
+    assert started.process.poll() is None
+    assert started.kill() == -signal.SIGKILL
+
+
+def test_a_thread_does_not_copy_its_process(beside):
+    beside()
+    said = []
+    thread = threading.Thread(target=lambda: said.append(may_fork()))
+    thread.start()
+    thread.join()
+    assert said == [False]
+
+
+def answer_of(work):
+    """What a copy writes to its pipe, and how it ends."""
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        process = Fork(work, theirs.fileno())
+        theirs.close()
+        return ours.makefile("rb").read(), process.wait()
+
+
+def test_a_copy_has_no_descriptor_but_the_standard_ones_and_its_pipe():
+    def work(pipe):
+        held = sorted(int(name) for name in os.listdir("/proc/self/fd"))
+        reading = next(fd for fd in held if fd > 2 and fd != pipe)  # of that folder itself
+        told = f"{[fd for fd in held if fd != reading] == [0, 1, 2, pipe]}"
+        os.write(pipe, f"{told} {os.readlink('/proc/self/fd/0')}".encode())
+
+    assert answer_of(work) == (b"True /dev/null", 1)
+
+
+def test_a_copy_ends_by_a_signal_that_its_parent_handles(monkeypatch):
+    before = signal.signal(signal.SIGTERM, lambda *_: None)
+    try:
+        assert answer_of(lambda _: os.kill(os.getpid(), signal.SIGTERM)) == (b"", -signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_an_error_of_a_copy_is_said_and_ends_it(capfd):
+    def work(_):
+        raise RuntimeError("nobody foresaw this")
+
+    assert answer_of(work) == (b"", 1)
+    assert capfd.readouterr().err.endswith("RuntimeError: nobody foresaw this\n")
