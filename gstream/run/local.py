@@ -58,7 +58,7 @@ class Workers:
     ) -> None:
         """Run every unit; `done` or `left_out` is called in this process after each.
 
-        lone : the stage has no other unit: it is not worth 2 s of starting a worker. One that an
+        lone : the stage has no other unit: it is not worth the start of a worker. One that an
             earlier run has left over is, as it may be what that run died of
         errors : the first GstreamError of a unit; StoppedError, when all others are done, for those
             that keep killing their worker

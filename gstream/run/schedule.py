@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from gstream.job import Unit
 
 ATTEMPTS = 3  # the first death of a unit's worker may be a neighbour's fault
-MOST_QUARANTINED = 16  # beyond that it is no unit's fault, and each costs three workers of 2 s
+MOST_QUARANTINED = 16  # beyond that it is no unit's fault, and each costs three workers
 
 
 @dataclass(frozen=True, slots=True)
