@@ -6,6 +6,7 @@ this has loaded; where a copy would not be safe, a fresh interpreter.
 
 import contextlib
 import errno
+import gc
 import importlib
 import os
 import shutil
@@ -143,6 +144,9 @@ class Fork:
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             os.closerange(3, pipe)  # the lock of the job's folder, the pipes of other workers
             os.closerange(pipe + 1, os.sysconf("SC_OPEN_MAX"))
+            # What is inherited is never collected: a file among it would close a descriptor that is
+            # another file's by then. Its memory stays shared, too.
+            gc.freeze()
             work(pipe)
         except BaseException:
             # Not by sys.stderr: a thread that the copy does not have may have held its lock.
