@@ -17,7 +17,7 @@ from typing import Self
 from gstream.errors import StoppedError, UsageError
 from gstream.job import Job, Unit
 from gstream.run.schedule import ATTEMPTS, Died, Done, Event, Ready, Schedule
-from gstream.run.worker import OURS, RESUME, Worker, WorkingStage, attempt
+from gstream.run.worker import HANDLED, OURS, RESUME, Worker, WorkingStage, attempt
 
 LOCK_FILE = "lock"
 STOP_SECONDS = 1.5  # a kernel in this process cannot be interrupted: leave without it
@@ -197,8 +197,7 @@ def stop_on_signals(half_written: Sequence[str]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may set handlers; its owner decides about signals
         return
-    watched = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, _stop) for number in watched}
+    before = {number: signal.signal(number, _stop) for number in HANDLED}
     woken, wake = socket.socketpair()
     wake.setblocking(False)
     wakeup_before = signal.set_wakeup_fd(wake.fileno(), warn_on_full_buffer=False)
@@ -220,7 +219,7 @@ def stop_on_signals(half_written: Sequence[str]) -> Iterator[None]:
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    for other in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for other in HANDLED:
         signal.signal(other, signal.SIG_IGN)  # a second one would interrupt the unwinding
     raise StoppedError(f"stopped by {signal.Signals(number).name}", RESUME)
 

@@ -27,6 +27,7 @@ from gstream.job import Job, Unit
 
 RESUME = "run the same command again to resume"
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EACCES, errno.EROFS}
+HANDLED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # by the parent: see local.py
 OURS = "gstream "  # how the names of this package's threads begin
 
 
@@ -131,16 +132,21 @@ class Fork:
 
     def __init__(self, work: Callable[[int], None], pipe: int) -> None:
         self._status: int | None = None
+        # Until the copy has its own handlers it has this process', which would unwind the job.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, HANDLED)
         with warnings.catch_warnings():
             # Python 3.12 warns of every fork beside a thread: see `may_fork`.
             warnings.simplefilter("ignore", DeprecationWarning)
             self.pid = os.fork()
         if self.pid:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             return
         try:
             signal.set_wakeup_fd(-1)
-            for number in (signal.SIGTERM, signal.SIGHUP):
+            for number in HANDLED:
                 signal.signal(number, signal.SIG_DFL)
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the parent decides
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             os.closerange(3, pipe)  # the lock of the job's folder, the pipes of other workers
             os.closerange(pipe + 1, os.sysconf("SC_OPEN_MAX"))
