@@ -1,5 +1,6 @@
 """A job with two workers is killed at random moments: all of it, or one worker, again and again."""
 
+import contextlib
 import importlib
 import json
 import os
@@ -121,12 +122,14 @@ def disturb(target: Target, child: int, random: Random) -> tuple[int, int | None
         ended = target.wait(child, random.uniform(0, target.seconds))
         if ended is not None:
             return kills, ended
-        kills += 1
         workers = workers_of(child)
         if not workers or random.random() < 0.6:
             os.killpg(child, signal.SIGKILL)
+            kills += 1
             break
-        os.kill(random.choice(workers), signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):  # its stage was over by now
+            os.kill(random.choice(workers), signal.SIGKILL)
+            kills += 1
     ended = target.wait(child, STUCK_SECONDS)
     assert ended is not None, "the run is stuck"
     return kills, ended
