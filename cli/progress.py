@@ -1,6 +1,7 @@
 """Progress as a person sees it: bars on a terminal, a plain line every two seconds elsewhere."""
 
 import sys
+import threading
 import time
 from typing import Self, TextIO
 
@@ -14,11 +15,13 @@ from gstream.run.progress import (
     UnitDone,
     UnitLeftOut,
 )
+from gstream.run.worker import OURS
 
 from .pace import STALL_SECONDS, Pace, clock
 
 LINE_SECONDS = 2.0
 BLOCKS_SECONDS = 0.1
+REFRESH_SECONDS = 0.1
 
 
 class Lines:
@@ -80,16 +83,26 @@ class Bars:
             TimeElapsedColumn(),
             TextColumn("{task.fields[said]}"),
             console=Console(stderr=True),
+            auto_refresh=False,  # its own thread has a name that worker.may_fork does not know
         )
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._refresh, name=f"{OURS}bars", daemon=True)
         self._pace = Pace()
         self._job = self._stage = self._bars.add_task("job", total=1.0, said="", visible=False)
 
     def __enter__(self) -> Self:
         self._bars.start()
+        self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
         self._bars.stop()
+
+    def _refresh(self) -> None:
+        while not self._over.wait(REFRESH_SECONDS):
+            self._bars.refresh()
 
     def __call__(self, event: Event) -> None:
         self._pace(event)

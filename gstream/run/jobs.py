@@ -102,7 +102,7 @@ def _is_running(folder: Path) -> bool:
     if not (folder / LOCK_FILE).exists():
         return False
     try:
-        with locked_folder(str(folder)):
+        with locked_folder(str(folder), patience=0.0):
             return False
     except UsageError:
         return True

@@ -11,6 +11,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import wait
+from time import perf_counter, sleep
 from types import FrameType, TracebackType
 from typing import Self
 
@@ -20,6 +21,9 @@ from gstream.run.schedule import ATTEMPTS, Died, Done, Event, Ready, Schedule
 from gstream.run.worker import HANDLED, OURS, RESUME, Worker, WorkingStage, attempt
 
 LOCK_FILE = "lock"
+LOCK_SECONDS = (
+    1.0  # a worker that was being started when its run was killed has the lock until then
+)
 STOP_SECONDS = 1.5  # a kernel in this process cannot be interrupted: leave without it
 
 
@@ -166,18 +170,22 @@ def _cause(status: int) -> str:
 
 
 @contextlib.contextmanager
-def locked_folder(path: str) -> Iterator[None]:
+def locked_folder(path: str, patience: float = LOCK_SECONDS) -> Iterator[None]:
     """Make the folder `path` if need be and hold its lock, which a killed process lets go.
 
+    patience : seconds to try
     errors : UsageError when another process holds it
     """
-    name = os.path.join(path, LOCK_FILE)
+    name, end = os.path.join(path, LOCK_FILE), perf_counter() + patience
     while True:
         os.makedirs(path, exist_ok=True)
         with contextlib.suppress(FileNotFoundError), open(name, "ab") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
+                if perf_counter() < end:
+                    sleep(0.02)
+                    continue
                 said = f"{path}: this job is running already in another process"
                 raise UsageError(said, "wait for it, or stop it") from None
             if os.path.samestat(os.fstat(file.fileno()), os.stat(name)):  # else just removed

@@ -147,6 +147,9 @@ class Fork:
                 signal.signal(number, signal.SIG_DFL)
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the parent decides
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            # A thread that the copy does not have may have held the locks of the old ones.
+            self._kept = sys.stdout, sys.stderr  # else they might end, and close 1 and 2
+            sys.stdout, sys.stderr = (os.fdopen(fd, "w", 1, closefd=False) for fd in (1, 2))
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             os.closerange(3, pipe)  # the lock of the job's folder, the pipes of other workers
             os.closerange(pipe + 1, os.sysconf("SC_OPEN_MAX"))
@@ -155,8 +158,7 @@ class Fork:
             gc.freeze()
             work(pipe)
         except BaseException:
-            # Not by sys.stderr: a thread that the copy does not have may have held its lock.
-            os.write(2, traceback.format_exc().encode())
+            traceback.print_exc()
         finally:
             os._exit(1)
 
@@ -180,8 +182,9 @@ class Fork:
 def may_fork() -> bool:
     """Would a copy of this process find every lock open that it needs?
 
-    It has no other thread, but their locks as they were. Ours hold none that a worker needs; what
-    others hold, nobody knows. Apple's libraries do not survive a fork.
+    It has no other thread, but their locks as they were. Ours hold none that a worker needs: those
+    of the streams that they print to are not used. What others hold, nobody knows. Apple's
+    libraries do not survive a fork.
     """
     others = [thread for thread in threading.enumerate() if thread is not threading.main_thread()]
     here = threading.current_thread() is threading.main_thread()

@@ -5,11 +5,15 @@ import signal
 import socket
 import sys
 import threading
+import time
 
 import pytest
 
+from gstream.errors import UsageError
 from gstream.run import worker
+from gstream.run.local import locked_folder
 from gstream.run.worker import OURS, Fork, Worker, may_fork
+from gstream_cli.progress import Bars
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="nothing is forked elsewhere")
 
@@ -82,9 +86,47 @@ def test_a_copy_ends_by_a_signal_that_its_parent_handles(monkeypatch):
         signal.signal(signal.SIGTERM, before)
 
 
+def test_a_copy_prints_whatever_its_parent_s_streams_are_doing(capfd, monkeypatch):
+    def work(_):
+        print("said", file=sys.stderr)
+        print("told")
+        sys.stdout.flush()
+
+    monkeypatch.setattr(sys, "stderr", None)
+    monkeypatch.setattr(sys, "stdout", None)
+    answer_of(work)
+    assert capfd.readouterr() == ("told\n", "said\n")
+
+
+def test_bars_keep_no_process_from_being_copied():
+    ours = threading.enumerate()
+    with Bars():
+        names = [thread.name for thread in threading.enumerate() if thread not in ours]
+    assert names == [f"{OURS}bars"]
+
+
 def test_an_error_of_a_copy_is_said_and_ends_it(capfd):
     def work(_):
         raise RuntimeError("nobody foresaw this")
 
     assert answer_of(work) == (b"", 1)
     assert capfd.readouterr().err.endswith("RuntimeError: nobody foresaw this\n")
+
+
+def test_a_lock_that_a_dying_worker_still_has_is_waited_for(tmp_path):
+    def work(pipe):
+        with locked_folder(str(tmp_path)):
+            os.write(pipe, b".")
+            time.sleep(0.3)
+
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        dying = Fork(work, theirs.fileno())
+        ours.recv(1)
+        with (
+            pytest.raises(UsageError, match="this job is running already"),
+            locked_folder(str(tmp_path), patience=0.0),
+        ):
+            pass
+        with locked_folder(str(tmp_path)):
+            assert dying.wait() == 1
