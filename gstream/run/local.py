@@ -21,9 +21,7 @@ from gstream.run.schedule import ATTEMPTS, Died, Done, Event, Ready, Schedule
 from gstream.run.worker import HANDLED, OURS, RESUME, Worker, WorkingStage, attempt
 
 LOCK_FILE = "lock"
-LOCK_SECONDS = (
-    1.0  # a worker that was being started when its run was killed has the lock until then
-)
+LOCK_SECONDS = 1.0  # a worker that was starting when its run was killed may have it for a moment
 STOP_SECONDS = 1.5  # a kernel in this process cannot be interrupted: leave without it
 
 
