@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
+from gstream.run.worker import OURS
+
 SAMPLE_SECONDS = 0.5
 TICK = os.sysconf("SC_CLK_TCK")  # the unit of processor time in /proc
 
@@ -83,7 +85,7 @@ class MemorySampler:
         self._told = told
         self._peaks = [0]  # of each stage; the last one is running
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._loop, name="gstream memory", daemon=True)
+        self._thread = threading.Thread(target=self._loop, name=f"{OURS}memory", daemon=True)
 
     @property
     def peak(self) -> int:

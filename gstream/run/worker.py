@@ -91,6 +91,7 @@ def serve(descriptor: int) -> None:
 
 
 def attempt(stage: WorkingStage, job: Job, unit: Unit) -> tuple[Exception | None, float]:
+    """Do a unit: its error, if there was one, and its seconds."""
     began = perf_counter()
     error = _error_of(stage, job, unit)
     return error, perf_counter() - began
@@ -145,7 +146,6 @@ class Fork:
             signal.set_wakeup_fd(-1)
             for number in HANDLED:
                 signal.signal(number, signal.SIG_DFL)
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the parent decides
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             # A thread that the copy does not have may have held the locks of the old ones.
             self._kept = sys.stdout, sys.stderr  # else they might end, and close 1 and 2

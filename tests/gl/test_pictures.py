@@ -113,6 +113,24 @@ def test_a_lost_barrier_before_the_flags_are_read_makes_a_wrong_picture(
     assert not any(np.array_equal(a, b) for a, b in zip(wrong, right, strict=True))
 
 
+def test_a_new_view_is_drawn_with_what_is_here_before_anything_is_read_for_it(
+    context, torus, monkeypatch
+):
+    renderer = scenes.renderer(context, torus.path, SIZE, lod={"pixel_error": 0.6})
+    first, second = around(2, 5)(renderer.file)
+    renderer.converge(first)
+    done = []
+    for owner, name in ((renderer, "_draw"), (renderer.loader, "read")):
+        kept = getattr(owner, name)
+        monkeypatch.setattr(
+            owner, name, lambda *a, kept=kept, name=name, **k: (done.append(name), kept(*a, **k))[1]
+        )
+    renderer.frame(second)
+    renderer.close()
+    assert "read" in done
+    assert done[0] == "_draw"
+
+
 def test_a_static_camera_shows_ten_identical_frames(context, torus):
     renderer = scenes.renderer(context, torus.path, SIZE)
     camera = scenes.camera_from(renderer.file, (1, 0.4, 0.3), SIZE, zoom=2.5)

@@ -11,7 +11,8 @@ import pytest
 
 from gstream.errors import UsageError
 from gstream.run import worker
-from gstream.run.local import locked_folder
+from gstream.run.local import locked_folder, stop_on_signals
+from gstream.run.usage import MemorySampler
 from gstream.run.worker import OURS, Fork, Worker, may_fork
 from gstream_cli.progress import Bars
 
@@ -98,11 +99,11 @@ def test_a_copy_prints_whatever_its_parent_s_streams_are_doing(capfd, monkeypatc
     assert capfd.readouterr() == ("told\n", "said\n")
 
 
-def test_bars_keep_no_process_from_being_copied():
-    ours = threading.enumerate()
-    with Bars():
-        names = [thread.name for thread in threading.enumerate() if thread not in ours]
-    assert names == [f"{OURS}bars"]
+def test_no_thread_of_a_run_keeps_its_process_from_being_copied():
+    before = threading.enumerate()
+    with Bars(), stop_on_signals(()), MemorySampler(lambda *_: None):
+        names = {thread.name for thread in threading.enumerate() if thread not in before}
+    assert names == {f"{OURS}bars", f"{OURS}signals", f"{OURS}memory"}
 
 
 def test_an_error_of_a_copy_is_said_and_ends_it(capfd):

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..reader_py import BlockFile
+from .buffers import Words
 from .hybrid import COLUMNS, Pieces, SourceTriangles
 
 BATCH_BYTES = 1 << 20  # read at once: what the thread cannot be called back from
-
-Words = NDArray[np.uint32]
 
 
 @dataclass(frozen=True, slots=True)
